@@ -1,1 +1,5 @@
-pub fn placeholder() {}
+//! majorant: unbiased rendering of OpenVDB clouds, smoke and fire on the CPU.
+
+pub mod grid;
+pub mod space;
+pub mod spectrum;

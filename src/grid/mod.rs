@@ -1,0 +1,13 @@
+//! The sparse brick grid: where voxel values live and how rays walk through them.
+//!
+//! * [`brick`]: the 8³ storage unit, its byte layout and filter footprint.
+//! * [`tree`]: root → upper (32³) → lower (16³) → bricks, and the builder.
+//!
+//! No file format and no optics here: `vdb` fills these structures, `medium` gives the values
+//! a meaning.
+
+pub mod brick;
+pub mod tree;
+
+pub use brick::Voxel;
+pub use tree::{Tile, Tree, TreeBuilder};
