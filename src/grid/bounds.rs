@@ -233,13 +233,8 @@ pub(super) fn add_halo(tree: &mut Tree<f32>, max_bytes: usize) -> Result<(), usi
         return Err(bytes);
     }
     tree.make_nodes(&halo.upper, &halo.lower);
-    // A 4096³ tile needs a cell below it to carry a bound, even where nothing is stored.
-    let cells: Vec<IVec3> = tree
-        .root
-        .iter()
-        .filter(|c| c.slot.get().is_err())
-        .map(|c| c.origin)
-        .collect();
+    // Whatever a 4096³ cell holds needs a cell below it to carry a bound.
+    let cells: Vec<IVec3> = tree.root.iter().map(|c| c.origin).collect();
     for origin in cells {
         for side in neighbours() {
             if let Some(below) = checked_offset(origin, side, -(1 << UPPER_TOTAL_LOG2)) {
