@@ -13,3 +13,4 @@ pub mod scene;
 pub mod space;
 pub mod spectrum;
 pub mod stats;
+pub mod tracking;
