@@ -85,7 +85,7 @@ impl Stream {
     #[inline] // bench: frame
     pub fn uniform_positive(&mut self) -> f32 {
         /// 2⁻⁶⁴.
-        const SCALE: f32 = 1.0 / 18_446_744_073_709_551_616.0;
+        const SCALE: f32 = 1.0 / (1_u128 << 64) as f32;
         (self.bits() | 1) as f32 * SCALE
     }
 
