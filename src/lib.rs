@@ -3,3 +3,4 @@
 pub mod grid;
 pub mod space;
 pub mod spectrum;
+pub mod vdb;
