@@ -14,3 +14,4 @@ pub mod space;
 pub mod spectrum;
 pub mod stats;
 pub mod tracking;
+pub mod vdb;
