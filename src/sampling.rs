@@ -78,18 +78,25 @@ impl Stream {
         (self.bits() >> 40) as f32 * (1.0 / 16_777_216.0)
     }
 
-    /// Draws from the exponential distribution of mean 1.
+    /// Returns a uniform number in (0, 1] with a relative precision of 2⁻²⁴ down to 2⁻⁶⁴.
     ///
-    /// The logarithm is taken of a 64-bit uniform number in (0, 1], rounded to `f32`: relative
-    /// precision 2⁻²⁴ down to 2⁻⁶⁴, so that depths up to 44 mean free paths occur with the
-    /// right probability. With 24-bit numbers, transmittances below 6e-8 would never occur.
+    /// For inversions that are steep near 0: the tail of a free path, the peak of a phase
+    /// function.
     #[inline] // bench: frame
-    pub fn exponential(&mut self) -> f32 {
+    pub fn uniform_positive(&mut self) -> f32 {
         /// 2⁻⁶⁴.
         const SCALE: f32 = 1.0 / 18_446_744_073_709_551_616.0;
-        let u = (self.bits() | 1) as f32 * SCALE;
-        // u rounds to exactly 1 with probability 2⁻²⁵: the depth is then 0, a valid draw.
-        -u.ln()
+        (self.bits() | 1) as f32 * SCALE
+    }
+
+    /// Draws from the exponential distribution of mean 1.
+    ///
+    /// Depths up to 44 mean free paths occur with the right probability; with uniform numbers
+    /// of 24 bits, transmittances below 6e-8 would never occur.
+    #[inline] // bench: frame
+    pub fn exponential(&mut self) -> f32 {
+        // The number rounds to exactly 1 with probability 2⁻²⁵: depth 0, a valid draw.
+        -self.uniform_positive().ln()
     }
 }
 

@@ -18,9 +18,9 @@
 //! the inactive background. What is not stored reads as background.
 //!
 //! The tree holds exactly what the file held: inactive voxels keep their value, tiles stay
-//! tiles. Only [`Tree::add_halo`] changes its shape, and never a value.
+//! tiles. Only the halo of `bounds` changes its shape, and never a value.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use glam::IVec3;
 
@@ -158,11 +158,16 @@ impl<V: Voxel> Tree<V> {
         self.tiles[0].value
     }
 
+    /// Returns the index of the root cell at `origin`, if it is listed.
+    pub(super) fn root_index(&self, origin: IVec3) -> Option<usize> {
+        self.root
+            .binary_search_by_key(&root_key(origin), |c| root_key(c.origin))
+            .ok()
+    }
+
     /// Returns the slot of the root cell that holds `p`.
     pub(super) fn root_slot(&self, p: IVec3) -> Slot {
-        let key = root_key(root_origin(p));
-        self.root
-            .binary_search_by_key(&key, |c| root_key(c.origin))
+        self.root_index(root_origin(p))
             .map_or(Slot::BACKGROUND, |i| self.root[i].slot)
     }
 
@@ -413,6 +418,50 @@ impl<V: Voxel> TreeBuilder<V> {
 }
 
 impl<V: Voxel> Tree<V> {
+    /// Lists the 4096³ cell at `origin` as a tile of the background, if it is not listed yet.
+    pub(super) fn make_root_cell(&mut self, origin: IVec3) {
+        let key = root_key(origin);
+        if let Err(i) = self.root.binary_search_by_key(&key, |c| root_key(c.origin)) {
+            self.root.insert(
+                i,
+                RootCell {
+                    origin,
+                    slot: Slot::BACKGROUND,
+                },
+            );
+        }
+    }
+
+    /// Makes upper and lower nodes at the given origins, filled with the tiles they replace.
+    ///
+    /// The upper node of each lower one must exist or be among `upper`.
+    pub(super) fn make_nodes(&mut self, upper: &BTreeSet<[i32; 3]>, lower: &BTreeSet<[i32; 3]>) {
+        for &origin in upper {
+            let origin = IVec3::from_array(origin);
+            self.make_root_cell(origin);
+            let i = self.root_index(origin).expect("the cell was made above");
+            let slot = &mut self.root[i].slot;
+            if slot.get().is_err() {
+                self.upper.resize(self.upper.len() + UPPER_LEN, *slot);
+                *slot = Slot::child(self.upper_origins.len());
+                self.upper_origins.push(origin);
+            }
+        }
+        for &origin in lower {
+            let origin = IVec3::from_array(origin);
+            let u = self
+                .root_slot(origin)
+                .get()
+                .expect("the upper node was made above");
+            let slot = &mut self.upper[u * UPPER_LEN + upper_slot(origin)];
+            if slot.get().is_err() {
+                self.lower.resize(self.lower.len() + LOWER_LEN, *slot);
+                *slot = Slot::child(self.lower_origins.len());
+                self.lower_origins.push(origin);
+            }
+        }
+    }
+
     /// Builds a tree from single active voxels; later ones win. For tests and examples.
     pub fn from_voxels(background: V, voxels: impl IntoIterator<Item = (IVec3, V)>) -> Self {
         let mut builder = TreeBuilder::new(background);
