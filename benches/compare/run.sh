@@ -5,6 +5,7 @@
 #       run.sh s1_cloud s2_smoke …
 #
 # Turns are short and alternate, so that a busy or slow moment of the machine hits all alike.
+# SPP below 4 is too little for the tables.
 # Rounds have seeds 1, 2, …; then each renderer but majorant adds two blocks of REF_SPP samples
 # with seeds 100 and 101, which form its reference. REF_SPP=0 leaves them out. See README.md.
 set -euo pipefail
