@@ -63,6 +63,9 @@ pub struct Traversal<'a> {
     done: bool,
 }
 
+/// Base-2 logarithm of the 8³ cells along the edge of a root cell.
+const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
+
 /// What a 16³ block of cells is stored as.
 #[derive(Clone, Copy, Debug)]
 enum Node {
@@ -176,9 +179,8 @@ impl<'a> Traversal<'a> {
 
     #[cold]
     fn look_up_node(&mut self) {
-        self.node_key = self.cell >> LOWER_LOG2 as i32;
-        let voxel = self.cell << BRICK_LOG2 as i32;
-        const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
+        self.node_key = self.cell >> LOWER_LOG2;
+        let voxel = self.cell << BRICK_LOG2;
         self.node = match self.tree.root_index(root_origin(voxel)) {
             None => Node::Large {
                 log2: ROOT_LOG2,
@@ -219,13 +221,13 @@ impl Iterator for Traversal<'_> {
             if self.done || self.t >= self.t_end {
                 return None;
             }
-            if self.cell >> LOWER_LOG2 as i32 != self.node_key {
+            if self.cell >> LOWER_LOG2 != self.node_key {
                 self.look_up_node();
             }
             let t0 = self.t;
             let (bound, cell, size, t1) = match self.node {
                 Node::Lower(base) => {
-                    let voxel = self.cell << BRICK_LOG2 as i32;
+                    let voxel = self.cell << BRICK_LOG2;
                     let bound = self.bounds.lower[base + lower_slot(voxel)];
                     let axis = smallest(self.exit);
                     let t1 = self.exit[axis].max(t0);
@@ -234,7 +236,7 @@ impl Iterator for Traversal<'_> {
                 }
                 Node::Large { log2, bound } => {
                     let size = 1 << log2;
-                    let cell = (self.cell & !(size - 1)) << BRICK_LOG2 as i32;
+                    let cell = (self.cell & !(size - 1)) << BRICK_LOG2;
                     let t1 = self.leap(size);
                     (bound, cell, size << BRICK_LOG2, t1)
                 }
