@@ -97,7 +97,7 @@ fn without_tests(code: &str) -> String {
 }
 
 /// Returns the text without comments, literals and tests.
-pub fn production_code(text: &str) -> String {
+pub(super) fn production_code(text: &str) -> String {
     without_tests(&without_comments_and_strings(text))
 }
 
@@ -139,7 +139,7 @@ fn expand_use_tree(text: &str) -> Vec<Vec<String>> {
 
 /// The modules of the crate, and the items that façades re-export from them.
 #[derive(Default)]
-pub struct Modules {
+pub(super) struct Modules {
     known: BTreeSet<String>,
     /// `grid/Tree` → `grid/tree`.
     reexports: BTreeMap<String, String>,
@@ -147,7 +147,7 @@ pub struct Modules {
 
 impl Modules {
     /// Takes the name and text of every module.
-    pub fn new<'a>(sources: impl Iterator<Item = (&'a str, &'a str)> + Clone) -> Self {
+    pub(super) fn new<'a>(sources: impl Iterator<Item = (&'a str, &'a str)> + Clone) -> Self {
         let known = sources
             .clone()
             .map(|(module, _)| module.to_owned())
@@ -186,7 +186,7 @@ impl Modules {
     }
 
     /// Returns what the text of `module` uses: line number and module.
-    pub fn used_by(&self, module: &str, text: &str) -> Vec<(usize, String)> {
+    pub(super) fn used_by(&self, module: &str, text: &str) -> Vec<(usize, String)> {
         let code = production_code(text);
         let mut used = Vec::new();
         for word in ["crate::", "super::"] {
