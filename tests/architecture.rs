@@ -102,18 +102,21 @@ fn sources() -> Vec<Source> {
     let mut folders = vec![src.clone()];
     let mut found = Vec::new();
     while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(&folder).unwrap() {
-            let path = entry.unwrap().path();
+        for entry in std::fs::read_dir(&folder).expect("src/ can be listed") {
+            let path = entry.expect("src/ can be listed").path();
             if path.is_dir() {
                 folders.push(path);
             } else if path.extension().is_some_and(|e| e == "rs") {
-                let relative = path.strip_prefix(&src).unwrap();
-                let relative = relative.to_str().unwrap().replace('\\', "/");
+                let relative = path.strip_prefix(&src).expect("found below src/");
+                let relative = relative
+                    .to_str()
+                    .expect("source files have plain names")
+                    .replace('\\', "/");
                 let module = relative.trim_end_matches(".rs").trim_end_matches("/mod");
                 found.push(Source {
                     path: format!("src/{relative}"),
                     module: module.to_owned(),
-                    text: std::fs::read_to_string(&path).unwrap(),
+                    text: std::fs::read_to_string(&path).expect("source files are UTF-8"),
                 });
             }
         }
