@@ -104,7 +104,8 @@ fn hostile() -> Vec<(&'static str, Vec<u8>)> {
     overlapping[at..at + 8].copy_from_slice(&100_u64.to_le_bytes());
     let mut mismatched = w().file();
     let leaf_mask = mismatched.len() - 64 - 1 - 12;
-    mismatched[leaf_mask] ^= 2;
+    // Voxel 10 instead of 9, so that the number of values stays right.
+    mismatched[leaf_mask + 1] ^= 0b110;
     let mut long_name = w().file();
     long_name[65..69].copy_from_slice(&u32::MAX.to_le_bytes());
     vec![

@@ -29,7 +29,7 @@ pub(super) fn estimate(topology: &Topology, value_size: usize) -> u64 {
     ];
     let tiles = topology.active_tile_count.saturating_mul(TILE);
     let bricks = (topology.leaves.len() as u64).saturating_mul(brick);
-    let shares = (SHARE * rayon::current_num_threads() as u64).min(4 * bricks);
+    let shares = (SHARE * rayon::current_num_threads() as u64).min(bricks.saturating_mul(4));
     parts
         .iter()
         .fold(tiles.saturating_add(shares), |sum, &(n, bytes)| {

@@ -19,7 +19,7 @@
 //! use majorant::vdb::{Archive, LoadOptions};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/vdb/tiles_n4_half_zip.vdb");
+//! # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/vdb/tiles_root_zip.vdb");
 //! let archive = Archive::open(path.as_ref())?;
 //! for grid in archive.grids() {
 //!     println!("{}: {}, {}", grid.name, grid.type_name, grid.class);
