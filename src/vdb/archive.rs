@@ -247,13 +247,11 @@ impl Archive {
                 tree_of: entries.len(),
                 ..entry
             });
-            match end {
-                Some(end) => c = Cursor::new(&bytes, end),
-                None => {
-                    unreachable_grid_count = grid_count - n - 1;
-                    break;
-                }
-            }
+            let Some(end) = end else {
+                unreachable_grid_count = grid_count - n - 1;
+                break;
+            };
+            c = Cursor::new(&bytes, end);
         }
         name_addresses(&mut entries);
         resolve_instances(&mut entries).map_err(|(name, d)| damaged(Some(name), d))?;
@@ -391,11 +389,11 @@ fn walk_grid(
                 format!("compression flags {flags:#x}, expected 0 to 7"),
             )
         })?;
-        let mut topology = Topology::walk(&mut c, &encoding)?;
+        let mut topology = Topology::walk(&mut c, encoding)?;
         if has_offsets {
             c = Cursor::new(c.bytes(), descriptor.buffers_at(&c)?);
         }
-        topology.walk_buffers(&mut c, &encoding)?;
+        topology.walk_buffers(&mut c, encoding)?;
         walked_end = Some(c.at());
         walked = Some(Walked { encoding, topology });
     }

@@ -52,11 +52,11 @@ impl<'a> Cursor<'a> {
             assert!(
                 cfg!(target_endian = "little"),
                 "values are copied as they are"
-            )
-        };
+            );
+        }
         Ok(bytemuck::pod_read_unaligned(
             self.take(size_of::<T>(), what)?,
-        ))
+        ));
     }
 
     pub(super) fn u32(&mut self, what: &str) -> Result<u32, Damage> {

@@ -100,7 +100,7 @@ impl From<Damage> for DecodeError {
 /// A grid being decoded.
 pub(super) struct Decoder<'a, I> {
     pub(super) bytes: &'a [u8],
-    pub(super) encoding: &'a Encoding,
+    pub(super) encoding: Encoding,
     pub(super) topology: &'a Topology,
     pub(super) ingest: &'a I,
 }
@@ -409,7 +409,7 @@ impl Level {
             assert!(
                 LOWERS_A_SHARE <= MAX_LOWERS,
                 "slots of a made-up upper node"
-            )
+            );
         };
         match self {
             Self::Upper => UPPERS_A_SHARE,
