@@ -2,12 +2,24 @@
 //!
 //! * [`brick`]: the 8³ storage unit, its byte layout and filter footprint.
 //! * [`tree`]: root → upper (32³) → lower (16³) → bricks, and the builder.
+//! * [`bounds`]: conservative minimum, maximum and mean of every cell.
+//! * [`sampler`]: trilinear lookups with eight taps, and stochastic ones with one.
+//! * [`traverse`]: a ray's gap-free intervals with their bounds.
+//! * [`DensityGrid`]: a scalar tree with bounds, placed in the world.
 //!
 //! No file format and no optics here: `vdb` fills these structures, `medium` gives the values
 //! a meaning.
 
+pub mod bounds;
 pub mod brick;
+mod density;
+pub mod sampler;
+pub mod traverse;
 pub mod tree;
 
+pub use bounds::Bound;
 pub use brick::Voxel;
+pub use density::{DensityGrid, GridTooLarge};
+pub use sampler::Sampler;
+pub use traverse::{Segment, Traversal};
 pub use tree::{Tile, Tree, TreeBuilder};

@@ -18,9 +18,9 @@
 //! the inactive background. What is not stored reads as background.
 //!
 //! The tree holds exactly what the file held: inactive voxels keep their value, tiles stay
-//! tiles. Only [`Tree::add_halo`] changes its shape, and never a value.
+//! tiles. Only the halo of `bounds` changes its shape, and never a value.
 
-use std::collections::HashMap;
+use std::collections::{BTreeSet, HashMap};
 
 use glam::IVec3;
 
@@ -39,9 +39,12 @@ pub const LOWER_TOTAL_LOG2: u32 = BRICK_LOG2 + LOWER_LOG2;
 /// Base-2 logarithm of the voxels along an edge of an upper node: 12.
 pub const UPPER_TOTAL_LOG2: u32 = LOWER_TOTAL_LOG2 + UPPER_LOG2;
 
-const _: () = assert!(size_of::<Slot>() == 4);
-const _: () = assert!(LOWER_TOTAL_LOG2 == 7 && UPPER_TOTAL_LOG2 == 12);
-const _: () = assert!(LOWER_LEN == 4096 && UPPER_LEN == 32768);
+const _: () = assert!(size_of::<Slot>() == 4, "as drawn");
+const _: () = assert!(
+    LOWER_TOTAL_LOG2 == 7 && UPPER_TOTAL_LOG2 == 12,
+    "OpenVDB's 5-4-3"
+);
+const _: () = assert!(LOWER_LEN == 4096 && UPPER_LEN == 32768, "as drawn");
 
 /// What a cell of a node holds: a child or a tile.
 #[derive(Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -67,6 +70,9 @@ impl Slot {
     }
 
     /// Returns the index of the child, or else of the tile.
+    ///
+    /// # Errors
+    /// None in the sense of a failure: the index of the tile comes as `Err`.
     #[inline] // bench: lookup
     pub fn get(self) -> Result<usize, usize> {
         let index = (self.0 & !Self::TILE_BIT) as usize;
@@ -126,22 +132,22 @@ pub struct Tree<V> {
 /// Returns the slot of voxel `p` within its upper node.
 #[inline] // bench: lookup
 pub(super) fn upper_slot(p: IVec3) -> usize {
-    let q = (p >> LOWER_TOTAL_LOG2 as i32) & ((1 << UPPER_LOG2) - 1);
-    ((q.x << (2 * UPPER_LOG2)) | (q.y << UPPER_LOG2) | q.z) as u32 as usize
+    let q = (p >> LOWER_TOTAL_LOG2) & ((1 << UPPER_LOG2) - 1);
+    ((q.x << (2 * UPPER_LOG2)) | (q.y << UPPER_LOG2) | q.z).cast_unsigned() as usize
 }
 
 /// Returns the slot of voxel `p` within its lower node.
 #[inline] // bench: lookup
 pub(super) fn lower_slot(p: IVec3) -> usize {
-    let q = (p >> BRICK_LOG2 as i32) & ((1 << LOWER_LOG2) - 1);
-    ((q.x << (2 * LOWER_LOG2)) | (q.y << LOWER_LOG2) | q.z) as u32 as usize
+    let q = (p >> BRICK_LOG2) & ((1 << LOWER_LOG2) - 1);
+    ((q.x << (2 * LOWER_LOG2)) | (q.y << LOWER_LOG2) | q.z).cast_unsigned() as usize
 }
 
 /// Returns the lowest voxel of the cell at `slot`, relative to its node's origin.
 pub(super) fn slot_origin(slot: usize, node_log2: u32, cell_log2: u32) -> IVec3 {
     let mask = (1 << node_log2) - 1;
-    let s = slot as i32;
-    IVec3::new(s >> (2 * node_log2), s >> node_log2 & mask, s & mask) << cell_log2 as i32
+    let s = i32::try_from(slot).expect("a slot is below 2^15");
+    IVec3::new(s >> (2 * node_log2), s >> node_log2 & mask, s & mask) << cell_log2
 }
 
 pub(super) fn root_origin(p: IVec3) -> IVec3 {
@@ -158,11 +164,16 @@ impl<V: Voxel> Tree<V> {
         self.tiles[0].value
     }
 
+    /// Returns the index of the root cell at `origin`, if it is listed.
+    pub(super) fn root_index(&self, origin: IVec3) -> Option<usize> {
+        self.root
+            .binary_search_by_key(&root_key(origin), |c| root_key(c.origin))
+            .ok()
+    }
+
     /// Returns the slot of the root cell that holds `p`.
     pub(super) fn root_slot(&self, p: IVec3) -> Slot {
-        let key = root_key(root_origin(p));
-        self.root
-            .binary_search_by_key(&key, |c| root_key(c.origin))
+        self.root_index(root_origin(p))
             .map_or(Slot::BACKGROUND, |i| self.root[i].slot)
     }
 
@@ -413,6 +424,50 @@ impl<V: Voxel> TreeBuilder<V> {
 }
 
 impl<V: Voxel> Tree<V> {
+    /// Lists the 4096³ cell at `origin` as a tile of the background, if it is not listed yet.
+    pub(super) fn make_root_cell(&mut self, origin: IVec3) {
+        let key = root_key(origin);
+        if let Err(i) = self.root.binary_search_by_key(&key, |c| root_key(c.origin)) {
+            self.root.insert(
+                i,
+                RootCell {
+                    origin,
+                    slot: Slot::BACKGROUND,
+                },
+            );
+        }
+    }
+
+    /// Makes upper and lower nodes at the given origins, filled with the tiles they replace.
+    ///
+    /// The upper node of each lower one must exist or be among `upper`.
+    pub(super) fn make_nodes(&mut self, upper: &BTreeSet<[i32; 3]>, lower: &BTreeSet<[i32; 3]>) {
+        for &origin in upper {
+            let origin = IVec3::from_array(origin);
+            self.make_root_cell(origin);
+            let i = self.root_index(origin).expect("the cell was made above");
+            let slot = &mut self.root[i].slot;
+            if slot.get().is_err() {
+                self.upper.resize(self.upper.len() + UPPER_LEN, *slot);
+                *slot = Slot::child(self.upper_origins.len());
+                self.upper_origins.push(origin);
+            }
+        }
+        for &origin in lower {
+            let origin = IVec3::from_array(origin);
+            let u = self
+                .root_slot(origin)
+                .get()
+                .expect("the upper node was made above");
+            let slot = &mut self.upper[u * UPPER_LEN + upper_slot(origin)];
+            if slot.get().is_err() {
+                self.lower.resize(self.lower.len() + LOWER_LEN, *slot);
+                *slot = Slot::child(self.lower_origins.len());
+                self.lower_origins.push(origin);
+            }
+        }
+    }
+
     /// Builds a tree from single active voxels; later ones win. For tests and examples.
     pub fn from_voxels(background: V, voxels: impl IntoIterator<Item = (IVec3, V)>) -> Self {
         let mut builder = TreeBuilder::new(background);

@@ -1,0 +1,130 @@
+//! A scalar tree made ready for rendering: halo, bounds and transform.
+
+use glam::DVec3;
+
+use super::bounds::{Bounds, add_halo};
+use super::brick::BRICK_DIM;
+use super::sampler::Sampler;
+use super::traverse::Traversal;
+use super::tree::Tree;
+use crate::space::{Aabb, IndexTransform, orthonormal_frame};
+
+/// Density values with conservative bounds, placed in the world.
+#[derive(Debug)]
+pub struct DensityGrid {
+    pub(super) tree: Tree<f32>,
+    pub(super) bounds: Bounds,
+    transform: IndexTransform,
+}
+
+/// Preparing a grid for rendering would take more memory than allowed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("values, nodes and bounds take {needed} bytes, more than the {limit} allowed")]
+pub struct GridTooLarge {
+    /// Bytes that would be needed.
+    pub needed: usize,
+    /// Bytes that are allowed.
+    pub limit: usize,
+}
+
+impl DensityGrid {
+    /// Computes the bounds of `tree` and places it by `transform`.
+    ///
+    /// Values must be finite and not negative, the loader's policy.
+    ///
+    /// # Errors
+    /// If the grid with its bounds would take more than `max_bytes`; nothing is allocated then.
+    pub fn new(
+        mut tree: Tree<f32>,
+        transform: IndexTransform,
+        max_bytes: usize,
+    ) -> Result<Self, GridTooLarge> {
+        add_halo(&mut tree, max_bytes).map_err(|needed| GridTooLarge {
+            needed,
+            limit: max_bytes,
+        })?;
+        let bounds = Bounds::new(&tree);
+        Ok(Self {
+            tree,
+            bounds,
+            transform,
+        })
+    }
+
+    /// Returns the map between index and world space.
+    pub fn transform(&self) -> &IndexTransform {
+        &self.transform
+    }
+
+    /// Returns a reader of values at points in index space.
+    pub fn sampler(&self) -> Sampler<'_> {
+        Sampler::new(&self.tree)
+    }
+
+    /// Walks `origin + t · direction`, both in index space, from t = 0 to `t_max`.
+    pub fn traverse(&self, origin: DVec3, direction: DVec3, t_max: f64) -> Traversal<'_> {
+        Traversal::new(self, origin, direction, t_max)
+    }
+
+    /// Returns a box, in world space, outside of which density is zero, tight to 8 voxels;
+    /// `None` if it is zero everywhere.
+    pub fn world_bounds(&self) -> Option<Aabb> {
+        let (first, last) = self.bounds.occupied?;
+        let scale = f64::from(BRICK_DIM);
+        let index = Aabb {
+            min: first.as_dvec3() * scale,
+            max: (last.as_dvec3() + DVec3::ONE) * scale,
+        };
+        let to_world = self.transform.world_from_index();
+        let corners = index.corners().map(|p| to_world.transform_point3(p));
+        Some(corners.into_iter().fold(Aabb::EMPTY, Aabb::including))
+    }
+
+    /// Returns the mean of ∫ density dt over parallel rays along the unit vector
+    /// `direction_world`, in density × world units, counting the rays that cross something;
+    /// 0 for an empty grid.
+    ///
+    /// # Cost
+    /// A raster of 64² rays and one addition for each cell they cross: the cells' means stand
+    /// for their values, so the result is good to some per cent.
+    pub fn mean_column_density(&self, direction_world: DVec3) -> f64 {
+        const RASTER: i32 = 64;
+        let Some(bounds) = self.world_bounds() else {
+            return 0.0;
+        };
+        let radius = (bounds.max - bounds.min).length() / 2.0;
+        let (s, t) = orthonormal_frame(direction_world);
+        let to_index = self.transform.index_from_world();
+        let direction = to_index.transform_vector3(direction_world);
+        let (mut sum, mut count) = (0.0, 0);
+        for i in 0..RASTER * RASTER {
+            let at = |k: i32| (2.0 * (f64::from(k) + 0.5) / f64::from(RASTER) - 1.0) * radius;
+            let start = bounds.center() - direction_world * radius
+                + s * at(i % RASTER)
+                + t * at(i / RASTER);
+            let column: f64 = self
+                .traverse(to_index.transform_point3(start), direction, f64::INFINITY)
+                .map(|segment| f64::from(segment.bound.mean) * (segment.t1 - segment.t0))
+                .sum();
+            if column > 0.0 {
+                sum += column;
+                count += 1;
+            }
+        }
+        if count == 0 {
+            0.0
+        } else {
+            sum / f64::from(count)
+        }
+    }
+
+    /// Returns the number of bricks.
+    pub fn brick_count(&self) -> usize {
+        self.tree.brick_count()
+    }
+
+    /// Returns the bytes that values, nodes and bounds occupy.
+    pub fn memory_bytes(&self) -> usize {
+        self.tree.memory_bytes() + self.bounds.memory_bytes()
+    }
+}

@@ -1,0 +1,161 @@
+//! Reading values at points: trilinear with eight taps, and stochastically with one.
+//!
+//! The one-tap lookup draws one of the eight corners with its trilinear weight and returns
+//! its stored value: its expectation is the trilinear value exactly. Where a value enters
+//! **linearly** (a collision accepted with probability `sigma_t / sigma_maj`, a factor
+//! `1 − sigma_t / sigma_maj`) that gives the same distribution as eight taps for an eighth of
+//! the loads. Inside an exponential or any other non-linear function it would be biased.
+//!
+//! # Reference
+//! `[Pharr2024]`.
+
+use glam::{DVec3, IVec3};
+
+use super::brick::{self, BRICK_LEN};
+use super::tree::{LOWER_LEN, LOWER_TOTAL_LOG2, Tree, UPPER_LEN, lower_slot, upper_slot};
+use crate::space::floor_to_voxel;
+
+/// A reader that remembers the lower node (128³ voxels) it last read from.
+#[derive(Clone, Debug)]
+pub struct Sampler<'a> {
+    tree: &'a Tree<f32>,
+    /// Coordinates of that node, in nodes; the memory is empty at first.
+    key: IVec3,
+    /// First slot of the node, or the value of a tile that covers it.
+    node: Result<usize, f32>,
+}
+
+impl<'a> Sampler<'a> {
+    /// Makes a reader of `tree`.
+    pub fn new(tree: &'a Tree<f32>) -> Self {
+        // No voxel has this node coordinate: those end at ±2^24.
+        Self {
+            tree,
+            key: IVec3::MAX,
+            node: Err(0.0),
+        }
+    }
+
+    /// Returns the stored value of voxel `p`.
+    ///
+    /// # Cost
+    /// Two dependent loads within the remembered node, up to four and a search elsewhere.
+    #[inline] // bench: lookup
+    pub fn value(&mut self, p: IVec3) -> f32 {
+        let key = p >> LOWER_TOTAL_LOG2;
+        if key != self.key {
+            self.key = key;
+            self.node = self.find_node(p);
+        }
+        match self.node {
+            Err(value) => value,
+            Ok(base) => match self.tree.lower[base + lower_slot(p)].get() {
+                Ok(b) => self.tree.values[b * BRICK_LEN + brick::offset(p)],
+                Err(tile) => self.tree.tiles[tile].value,
+            },
+        }
+    }
+
+    fn find_node(&self, p: IVec3) -> Result<usize, f32> {
+        let tree = self.tree;
+        let node = tree.root_slot(p).get();
+        let node = node.and_then(|u| tree.upper[u * UPPER_LEN + upper_slot(p)].get());
+        node.map(|l| l * LOWER_LEN)
+            .map_err(|tile| tree.tiles[tile].value)
+    }
+
+    /// Returns the trilinear value at `p_index`, never outside the range of its eight taps.
+    pub fn trilinear(&mut self, p_index: DVec3) -> f32 {
+        let lo = floor_to_voxel(p_index);
+        let hi = lo.saturating_add(IVec3::ONE);
+        // Outside [0, 1] only beyond the ends of i32, where everything is background.
+        let f = (p_index - lo.as_dvec3())
+            .clamp(DVec3::ZERO, DVec3::ONE)
+            .as_vec3();
+        let mut along_z = |x, y| {
+            lerp(
+                self.value(IVec3::new(x, y, lo.z)),
+                self.value(IVec3::new(x, y, hi.z)),
+                f.z,
+            )
+        };
+        let low = lerp(along_z(lo.x, lo.y), along_z(lo.x, hi.y), f.y);
+        let high = lerp(along_z(hi.x, lo.y), along_z(hi.x, hi.y), f.y);
+        lerp(low, high, f.x)
+    }
+
+    /// Returns the stored value of one of the eight voxels around `p_index`, drawn with its
+    /// trilinear weight (to within 2⁻²¹) from 64 random `bits`.
+    #[inline] // bench: lookup
+    pub fn stochastic(&mut self, p_index: DVec3, bits: u64) -> f32 {
+        // Adding a uniform number and rounding down goes up with the probability of the
+        // fraction. Three numbers of 21 bits each.
+        let u = |shift: u32| (bits >> shift & 0x1f_ffff) as f64 * (1.0 / 2_097_152.0);
+        self.value(floor_to_voxel(p_index + DVec3::new(u(0), u(21), u(42))))
+    }
+}
+
+/// Interpolates without leaving the interval, whatever the rounding.
+fn lerp(a: f32, b: f32, t: f32) -> f32 {
+    (a + (b - a) * t).clamp(a.min(b), a.max(b))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn ramp() -> Tree<f32> {
+        let at = |i: i32| IVec3::new(i / 400 - 9, i / 20 % 20 - 9, i % 20 - 9);
+        let value = |p: IVec3| (p.x * 100 + p.y * 10 + p.z) as f32;
+        Tree::from_voxels(0.0, (0..8000).map(|i| (at(i), value(at(i)))))
+    }
+
+    #[test]
+    fn trilinear_reproduces_linear_fields_across_bricks() {
+        let tree = ramp();
+        let mut sampler = Sampler::new(&tree);
+        for i in 0..2000 {
+            let f = f64::from(i);
+            let p = DVec3::new((f * 0.37) % 18.0, (f * 0.73) % 18.0, (f * 0.11) % 18.0) - 8.5;
+            let expected = p.x * 100.0 + p.y * 10.0 + p.z;
+            let got = f64::from(sampler.trilinear(p));
+            // Three f32 interpolations of values below 1000: a few times 6e-5.
+            assert!(
+                (got - expected).abs() < 3e-4,
+                "at {p}: {got}, expected {expected}"
+            );
+        }
+    }
+
+    #[test]
+    fn one_tap_has_the_trilinear_mean() {
+        let tree = Tree::from_voxels(0.0, [(IVec3::new(8, -8, 0), 1.0)]);
+        let mut sampler = Sampler::new(&tree);
+        let p = DVec3::new(7.25, -8.5, 0.75);
+        let expected = 0.25 * 0.5 * 0.25;
+        assert!((f64::from(sampler.trilinear(p)) - expected).abs() < 1e-7);
+        // A full raster of the random bits gives the weight exactly; 2^7 steps an axis do.
+        let n = 128_u64;
+        let mut sum = 0.0;
+        for i in 0..n * n * n {
+            let bits = (i % n) << 14 | (i / n % n) << 35 | (i / n / n) << 56;
+            sum += f64::from(sampler.stochastic(p, bits));
+        }
+        let mean = sum / (n * n * n) as f64;
+        assert_eq!(mean, expected, "the raster hits fractions of 1/128 exactly");
+    }
+
+    #[test]
+    fn ends_of_the_index_range_do_not_overflow() {
+        let tree = ramp();
+        let mut sampler = Sampler::new(&tree);
+        for x in [-1e300, -2_147_483_648.5, 2_147_483_647.5, 1e300] {
+            assert_eq!(sampler.trilinear(DVec3::new(x, 1000.0, 0.0)), 0.0, "at {x}");
+            assert_eq!(
+                sampler.stochastic(DVec3::new(x, 1000.0, 0.0), u64::MAX),
+                0.0,
+                "at {x}"
+            );
+        }
+    }
+}

@@ -1,0 +1,155 @@
+//! One frame: tiles over threads, cancellation, progress, counters.
+//!
+//! A pixel's samples are taken in order from streams keyed by (seed, frame, pixel, sample), and
+//! counters are sums of integers, so the result is the same bits for any number of threads and
+//! any order of tiles.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
+
+use glam::DVec2;
+use rayon::prelude::*;
+
+use crate::film::{Film, Pixel, Sample};
+use crate::integrator::Context;
+use crate::sampling::{Stream, StreamKey};
+use crate::scene::Scene;
+use crate::stats::Counts;
+
+/// Pixels along a tile's edge: small enough to balance two threads, large enough that the
+/// rays of a tile read the same bricks.
+const TILE: u32 = 16;
+
+/// Hears of finished work while a frame renders. Called from many threads.
+pub trait Progress: Sync {
+    /// `done` of `total` camera rays are finished.
+    fn advance(&self, done: u64, total: u64);
+}
+
+/// Hears nothing.
+#[derive(Clone, Copy, Debug)]
+pub struct NoProgress;
+
+impl Progress for NoProgress {
+    fn advance(&self, _done: u64, _total: u64) {}
+}
+
+/// What a render returns.
+#[derive(Debug)]
+pub struct Rendered {
+    /// The image.
+    pub film: Film,
+    /// What the rays did.
+    pub counts: Counts,
+    /// Wall-clock seconds until the first tile was complete.
+    pub first_tile_secs: f64,
+    /// Whether every sample was taken: `false` after cancellation.
+    pub complete: bool,
+}
+
+/// Renders `scene` on the current rayon thread pool.
+///
+/// Setting `cancel` ends the render at the next pixel; pixels that were not reached are empty.
+pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Rendered {
+    let start = Instant::now();
+    let context = Context {
+        medium: scene.medium.as_ref(),
+        lights: &scene.lights,
+        settings: scene.transport,
+    };
+    let mut film = Film::new(scene.width, scene.height);
+    let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
+    let done = AtomicU64::new(0);
+    let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
+    let rendered: Vec<(Vec<Pixel>, Counts, f64)> = tiles
+        .par_iter()
+        .map(|tile| {
+            let (pixels, counts) = render_tile(scene, &context, tile, cancel);
+            let rays = counts.camera_rays;
+            let before = done.fetch_add(rays, Ordering::Relaxed);
+            progress.advance(before + rays, total);
+            (pixels, counts, start.elapsed().as_secs_f64())
+        })
+        .collect();
+    let mut counts = Counts::default();
+    let mut first_tile_secs = f64::INFINITY;
+    for (tile, (pixels, tile_counts, secs)) in tiles.iter().zip(rendered) {
+        counts.add(&tile_counts);
+        first_tile_secs = first_tile_secs.min(secs);
+        for (at, pixel) in tile.pixels().zip(pixels) {
+            film.pixels_mut()[at.1 as usize * scene.width as usize + at.0 as usize] = pixel;
+        }
+    }
+    Rendered {
+        film,
+        counts,
+        first_tile_secs,
+        complete: counts.camera_rays == total,
+    }
+}
+
+/// A rectangle of pixels.
+struct Tile {
+    x: std::ops::Range<u32>,
+    y: std::ops::Range<u32>,
+}
+
+impl Tile {
+    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        self.y
+            .clone()
+            .flat_map(|y| self.x.clone().map(move |x| (x, y)))
+    }
+}
+
+fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
+    let starts = |n: u32| (0..n).step_by(TILE as usize);
+    starts(height).flat_map(move |y| {
+        starts(width).map(move |x| Tile {
+            x: x..width.min(x.saturating_add(TILE)),
+            y: y..height.min(y.saturating_add(TILE)),
+        })
+    })
+}
+
+fn render_tile(
+    scene: &Scene,
+    context: &Context<'_>,
+    tile: &Tile,
+    cancel: &AtomicBool,
+) -> (Vec<Pixel>, Counts) {
+    let mut counts = Counts::default();
+    let pixels = tile.pixels().map(|(x, y)| {
+        let mut pixel = Pixel::default();
+        if cancel.load(Ordering::Relaxed) {
+            return pixel;
+        }
+        let index = u64::from(y) * u64::from(scene.width) + u64::from(x);
+        for sample in 0..u64::from(scene.spp) {
+            let key = StreamKey {
+                seed: scene.seed,
+                frame: scene.frame,
+                pixel: index,
+                sample,
+            };
+            let mut stream = Stream::new(key);
+            let jitter = DVec2::new(f64::from(stream.uniform()), f64::from(stream.uniform()));
+            let size = DVec2::new(f64::from(scene.width), f64::from(scene.height));
+            let film = (DVec2::new(f64::from(x), f64::from(y)) + jitter) / size;
+            let ray = scene.camera.ray(film);
+            let path = context.sample_radiance(ray, &mut stream, &mut counts);
+            if path.radiance.is_finite() {
+                let depth = |t| scene.camera.depth(ray.at(t));
+                let first_depth = path.first_collision.map(depth);
+                pixel.add(&Sample {
+                    radiance: path.radiance,
+                    first_depth,
+                });
+            } else {
+                counts.non_finite_samples += 1;
+            }
+        }
+        pixel
+    });
+    (pixels.collect(), counts)
+}
