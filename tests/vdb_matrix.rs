@@ -4,9 +4,11 @@
 //! `../shared` is present; further matrices where `MAJORANT_VDB_MATRIX` names a folder of files
 //! with oracles.
 
+#![expect(clippy::print_stdout, reason = "the table is for people")]
+
 mod vdb_support;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use majorant::vdb::{Archive, GridInfo, LoadOptions};
 use vdb_support::oracle::{Outcome, compare_file};
@@ -77,13 +79,17 @@ fn rows() -> Vec<Row> {
     let rows = text
         .lines()
         .map(cells)
-        .filter(|c| c.len() == 7 && c[1].ends_with(".vdb"));
+        .filter(|c| c.len() == 7 && is_vdb(&c[1]));
     rows.map(|c| Row {
         grids: c[3].split("; ").filter_map(parse_grid).collect(),
         file: c[1].clone(),
         format: c[5].clone(),
     })
     .collect()
+}
+
+fn is_vdb(name: &str) -> bool {
+    Path::new(name).extension().is_some_and(|e| e == "vdb")
 }
 
 /// Parses `density float 52x52x59 77,249`.

@@ -13,8 +13,11 @@
 //! A mutant that fails is kept in `target/vdb-mutants`; minimised, it belongs into
 //! `tests/regressions/vdb`, which `vdb_regressions.rs` loads for ever.
 
+#![expect(clippy::print_stdout, reason = "the counts are for people")]
+
 mod vdb_support;
 
+use std::fmt::Write;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
 use std::path::{Path, PathBuf};
@@ -48,7 +51,7 @@ enum Region {
 
 /// Damages `bytes`; the header is what lies before the first tree, half of the rest topology.
 fn mutate(bytes: &mut Vec<u8>, rng: &mut Pcg64Mcg) -> String {
-    let below = |rng: &mut Pcg64Mcg, n: usize| (rng.next_u64() % n.max(1) as u64) as usize;
+    let below = |rng: &mut Pcg64Mcg, n: usize| rng.next_u32() as usize % n.max(1);
     if below(rng, 8) == 0 {
         let len = below(rng, bytes.len());
         bytes.truncate(len);
@@ -68,7 +71,7 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut Pcg64Mcg) -> String {
         let at = low + below(rng, high - low);
         // Lengths are where 0 and 0xff bytes hurt; runs hit whole fields.
         let run = [1, 1, 4, 8][below(rng, 4)];
-        let value = [0, 0xff, 0x80, 0x7f, rng.next_u64() as u8][below(rng, 5)];
+        let value = [0, 0xff, 0x80, 0x7f, rng.next_u64().to_le_bytes()[0]][below(rng, 5)];
         let flip = below(rng, 2) == 0;
         for b in bytes.iter_mut().skip(at).take(run) {
             *b = if flip {
@@ -77,7 +80,7 @@ fn mutate(bytes: &mut Vec<u8>, rng: &mut Pcg64Mcg) -> String {
                 value
             };
         }
-        done += &format!(" {at}+{run}");
+        let _ = write!(done, " {at}+{run}");
     }
     done
 }

@@ -2,6 +2,8 @@
 //!
 //! `tests/regressions/vdb/README.md` says what each of them attacks.
 
+#![expect(clippy::print_stdout, reason = "the messages are for people")]
+
 mod vdb_support;
 
 use majorant::vdb::{Archive, LoadOptions, VdbError};
@@ -53,61 +55,40 @@ fn hostile_files_end_cleanly() {
 }
 
 /// A chunk of the stated length, whatever follows.
-fn chunk(stated: i64, body: &[u8]) -> Option<Vec<u8>> {
-    Some([&stated.to_le_bytes()[..], body].concat())
+fn chunk(stated: i64, body: &[u8]) -> Vec<u8> {
+    [&stated.to_le_bytes()[..], body].concat()
 }
 
-/// A blosc frame's header and some garbage behind it.
-fn frame(type_size: u8, nbytes: u32, block_size: u32, cbytes: u32, garbage: usize) -> Vec<u8> {
-    let mut f = vec![2, 1, 0x21, type_size];
+fn zip(chunk: Vec<u8>) -> Vec<u8> {
+    let w = Writer {
+        codec: 1,
+        chunk: Some(chunk),
+        ..Writer::default()
+    };
+    w.file()
+}
+
+fn blosc(chunk: Vec<u8>) -> Vec<u8> {
+    let w = Writer {
+        codec: 4,
+        chunk: Some(chunk),
+        ..Writer::default()
+    };
+    w.file()
+}
+
+/// A file whose blosc frame has this header and 32 bytes of garbage.
+fn blosc_frame(type_size: u8, nbytes: u32, block_size: u32, cbytes: u32) -> Vec<u8> {
+    let mut frame = vec![2, 1, 0x21, type_size];
     for n in [nbytes, block_size, cbytes] {
-        f.extend(n.to_le_bytes());
+        frame.extend(n.to_le_bytes());
     }
-    f.extend((0..garbage).map(|i| (i * 37 % 251) as u8));
-    f
+    frame.extend((0..32_u8).map(|i| i.wrapping_mul(37)));
+    blosc(chunk(48, &frame))
 }
 
-/// The files made by hand; three active values take 12 bytes.
-fn hostile() -> Vec<(&'static str, Vec<u8>)> {
-    let w = Writer::default;
-    let zip = |chunk| {
-        Writer {
-            codec: 1,
-            chunk,
-            ..w()
-        }
-        .file()
-    };
-    let blosc = |chunk| {
-        Writer {
-            codec: 4,
-            chunk,
-            ..w()
-        }
-        .file()
-    };
-    let blosc_frame = |type_size, nbytes, block, cbytes| {
-        blosc(chunk(48, &frame(type_size, nbytes, block, cbytes, 32)))
-    };
-    let mut overlapping = Writer::file_of(&[
-        w(),
-        Writer {
-            name: b"b".to_vec(),
-            ..w()
-        },
-    ]);
-    // The second grid is said to begin where the first one does: its positions follow its type.
-    let b_type = overlapping
-        .windows(16)
-        .rposition(|b| b == b"Tree_float_5_4_3");
-    let at = b_type.expect("the type is there") + 16 + 4;
-    overlapping[at..at + 8].copy_from_slice(&100_u64.to_le_bytes());
-    let mut mismatched = w().file();
-    let leaf_mask = mismatched.len() - 64 - 1 - 12;
-    // Voxel 10 instead of 9, so that the number of values stays right.
-    mismatched[leaf_mask + 1] ^= 0b110;
-    let mut long_name = w().file();
-    long_name[65..69].copy_from_slice(&u32::MAX.to_le_bytes());
+/// Chunks that lie; three active values take 12 bytes.
+fn hostile_chunks() -> Vec<(&'static str, Vec<u8>)> {
     vec![
         ("bad_zip_length_huge", zip(chunk(i64::MAX, &[0; 16]))),
         ("bad_zip_length_negative", zip(chunk(i64::MIN, &[0; 16]))),
@@ -126,77 +107,75 @@ fn hostile() -> Vec<(&'static str, Vec<u8>)> {
         ("bad_blosc_block_huge", blosc_frame(4, 12, u32::MAX, 48)),
         ("bad_blosc_type_size_zero", blosc_frame(0, 12, 12, 48)),
         ("bad_blosc_garbage", blosc_frame(4, 12, 12, 48)),
-        (
-            "bad_grid_count",
-            Writer {
-                grid_count: Some(u32::MAX),
-                ..w()
-            }
-            .file(),
-        ),
-        (
-            "bad_metadata_count",
-            Writer {
-                metadata_count: Some(u32::MAX),
-                ..w()
-            }
-            .file(),
-        ),
-        (
-            "bad_root_tile_count",
-            Writer {
-                root_tile_count: Some(u32::MAX),
-                ..w()
-            }
-            .file(),
-        ),
-        (
-            "bad_root_unaligned",
-            Writer {
-                root_origins: vec![[i32::MAX; 3]],
-                ..w()
-            }
-            .file(),
-        ),
-        (
-            "bad_instance_of_itself",
-            Writer {
-                parent: "density",
-                ..w()
-            }
-            .file(),
-        ),
-        ("bad_name_length", long_name),
-        ("bad_offsets_overlap", overlapping),
-        ("bad_leaf_mask_differs", mismatched),
-        (
-            "ok_name_not_utf8",
-            Writer {
-                name: vec![0xff, 0xfe, 0x1e, b'0'],
-                ..w()
-            }
-            .file(),
-        ),
-        (
-            "ok_at_the_end_of_index_space",
-            Writer {
-                root_origins: vec![[i32::MIN; 3], [i32::MAX - 4095; 3]],
-                root_tiles: vec![([i32::MAX - 4095, 0, 0], f32::MAX, true)],
-                ..w()
-            }
-            .file(),
-        ),
-        (
-            "ok_kind_without_active_mask",
-            Writer {
-                active_mask: false,
-                kind: 5,
-                inactive: vec![1.0, f32::NAN],
-                ..w()
-            }
-            .file(),
-        ),
     ]
+}
+
+/// Writers whose files lie in other ways, or are odd and have to load.
+fn hostile_writers() -> Vec<(&'static str, Writer)> {
+    let mut all = Vec::new();
+    let mut add = |name, change: &dyn Fn(&mut Writer)| {
+        let mut w = Writer::default();
+        change(&mut w);
+        all.push((name, w));
+    };
+    add("bad_grid_count", &|w| w.grid_count = Some(u32::MAX));
+    add("bad_metadata_count", &|w| w.metadata_count = Some(u32::MAX));
+    add("bad_root_tile_count", &|w| {
+        w.root_tile_count = Some(u32::MAX);
+    });
+    add("bad_root_unaligned", &|w| {
+        w.root_origins = vec![[i32::MAX; 3]];
+    });
+    add("bad_root_twice", &|w| w.root_origins = vec![[0; 3]; 2]);
+    add("bad_root_tile_on_child", &|w| {
+        w.root_tiles = vec![([0; 3], 1.0, true)];
+    });
+    add("bad_value_kind", &|w| w.kind = 7);
+    add("bad_instance_of_itself", &|w| w.parent = "density");
+    add("ok_name_not_utf8", &|w| {
+        w.name = vec![0xff, 0xfe, 0x1e, b'0'];
+    });
+    add("ok_at_the_end_of_index_space", &|w| {
+        w.root_origins = vec![[i32::MIN; 3], [i32::MAX - 4095; 3]];
+        w.root_tiles = vec![([i32::MAX - 4095, 0, 0], f32::MAX, true)];
+    });
+    add("ok_kind_without_active_mask", &|w| {
+        w.active_mask = false;
+        w.kind = 5;
+        w.inactive = vec![1.0, f32::NAN];
+    });
+    all
+}
+
+/// Files that lie after they have been written.
+fn hostile_edits() -> Vec<(&'static str, Vec<u8>)> {
+    let mut long_name = Writer::default().file();
+    long_name[65..69].copy_from_slice(&u32::MAX.to_le_bytes());
+    // Voxel 10 instead of 9, so that the number of values stays right.
+    let mut mismatched = Writer::default().file();
+    let leaf_mask = mismatched.len() - 64 - 1 - 12;
+    mismatched[leaf_mask + 1] ^= 0b110;
+    // The second grid is said to begin where the first one does: its positions follow its type.
+    let second = Writer {
+        name: b"b".to_vec(),
+        ..Writer::default()
+    };
+    let mut overlapping = Writer::file_of(&[Writer::default(), second]);
+    let its_type = overlapping
+        .windows(16)
+        .rposition(|b| b == b"Tree_float_5_4_3");
+    let at = its_type.expect("the type is there") + 16 + 4;
+    overlapping[at..at + 8].copy_from_slice(&100_u64.to_le_bytes());
+    vec![
+        ("bad_name_length", long_name),
+        ("bad_leaf_mask_differs", mismatched),
+        ("bad_offsets_overlap", overlapping),
+    ]
+}
+
+fn hostile() -> Vec<(&'static str, Vec<u8>)> {
+    let written = hostile_writers().into_iter().map(|(n, w)| (n, w.file()));
+    [hostile_chunks(), written.collect(), hostile_edits()].concat()
 }
 
 #[test]

@@ -56,7 +56,7 @@ impl<'a> Cursor<'a> {
         }
         Ok(bytemuck::pod_read_unaligned(
             self.take(size_of::<T>(), what)?,
-        ));
+        ))
     }
 
     pub(super) fn u32(&mut self, what: &str) -> Result<u32, Damage> {

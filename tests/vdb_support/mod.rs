@@ -1,6 +1,10 @@
 //! What the .vdb tests share: oracles, a tiny writer, and the files of `../shared`.
 
-#![allow(dead_code, reason = "each test program uses its own part")]
+#![allow(
+    dead_code,
+    clippy::print_stdout,
+    reason = "each test program uses its own part; what is skipped is said"
+)]
 
 pub(crate) mod oracle;
 pub(crate) mod writer;

@@ -253,6 +253,10 @@ fn spots(oracle: &GridOracle) -> impl Iterator<Item = (IVec3, bool, &str)> {
     })
 }
 
+#[expect(
+    clippy::needless_pass_by_value,
+    reason = "literals and temporaries read better"
+)]
 fn check<T: PartialEq + std::fmt::Debug>(what: &str, found: T, expected: T) -> Result<(), String> {
     if found == expected {
         Ok(())

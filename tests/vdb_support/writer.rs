@@ -119,7 +119,7 @@ impl Writer {
         text(b, self.parent.as_bytes());
         let at = b.len();
         b.extend([0; 24]);
-        b.extend((u32::from(self.active_mask) * 2 | self.codec).to_le_bytes());
+        b.extend(((u32::from(self.active_mask) * 2) | self.codec).to_le_bytes());
         b.extend(
             self.metadata_count
                 .unwrap_or(u32::from(self.half))
