@@ -100,7 +100,7 @@ pub enum VdbError {
     },
     /// The file's format version is not one that can be read.
     #[error(
-        "{}: file format version {found}, expected 222 to 225; write it again with OpenVDB 3 to 13",
+        "{}: file format version {found}, expected 222 to 225; write it again with another version of OpenVDB",
         path.display()
     )]
     Version {

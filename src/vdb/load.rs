@@ -9,9 +9,10 @@ use std::time::Instant;
 
 use glam::IVec3;
 
-use super::archive::{Archive, Walked};
+use super::archive::Archive;
 use super::decode::{DecodeError, Decoder, Ingest, Stored};
 use super::error::{Damage, Place, VdbError};
+use super::listing::Walked;
 use super::memory;
 use super::record::ValueType;
 use super::statistics::TypedGrid;

@@ -36,6 +36,7 @@ mod cursor;
 mod decode;
 mod error;
 mod file;
+mod listing;
 mod load;
 mod memory;
 mod metadata;
@@ -44,7 +45,8 @@ mod statistics;
 mod topology;
 mod transform;
 
-pub use archive::{Archive, GridInfo};
+pub use archive::Archive;
 pub use error::{Damage, Place, Refusal, VdbError};
+pub use listing::GridInfo;
 pub use load::{DensityData, Grid, LoadOptions, LoadReport};
 pub use statistics::{Components, Statistics, TypedGrid};
