@@ -108,7 +108,7 @@ impl Encoding {
     }
 
     /// Bytes of a value in a decoded chunk.
-    pub(super) fn stored_size(&self) -> usize {
+    pub(super) fn stored_size(self) -> usize {
         let halved = self.value.half_size().filter(|_| self.half);
         halved.unwrap_or_else(|| self.value.size())
     }
@@ -162,7 +162,7 @@ impl<'a> Record<'a> {
     /// Reads the record of a node whose value mask is given.
     pub(super) fn read(
         c: &mut Cursor<'a>,
-        encoding: &Encoding,
+        encoding: Encoding,
         value_mask: &'a [u8],
     ) -> Result<Self, Damage> {
         let start = c.at();
@@ -171,7 +171,10 @@ impl<'a> Record<'a> {
             let what = format!("a node's value kind is {kind}, expected 0 to 6");
             return Err(Damage::new(start, what));
         }
-        let mut value = || c.take(encoding.value.size(), "an inactive value").map(Inactive::Value);
+        let mut value = || {
+            c.take(encoding.value.size(), "an inactive value")
+                .map(Inactive::Value)
+        };
         let inactive = match kind {
             0 => [Inactive::Background; 2],
             2 => [value()?; 2],
@@ -210,7 +213,7 @@ pub(super) fn words(mask: &[u8]) -> impl Iterator<Item = u64> + '_ {
 }
 
 /// Takes a chunk of `count` values after checking all sizes it states.
-fn chunk<'a>(c: &mut Cursor<'a>, encoding: &Encoding, count: usize) -> Result<&'a [u8], Damage> {
+fn chunk<'a>(c: &mut Cursor<'a>, encoding: Encoding, count: usize) -> Result<&'a [u8], Damage> {
     let bytes = count * encoding.stored_size();
     if encoding.codec == Codec::Plain {
         return c.take(bytes, "a node's values");
@@ -246,8 +249,10 @@ fn check_blosc_frame(at: usize, frame: &[u8], bytes: usize) -> Result<(), Damage
     let mut c = Cursor::new(frame, 0);
     let header = c.pod::<[u8; 4]>("a blosc header");
     let header = header.and_then(|head| Ok((head, c.pod::<[u32; 3]>("a blosc header")?)));
-    let ([_, _, _, type_size], sizes) =
-        header.map_err(|d| Damage { offset: at as u64, ..d })?;
+    let ([_, _, _, type_size], sizes) = header.map_err(|d| Damage {
+        offset: at as u64,
+        ..d
+    })?;
     let [nbytes, block_size, cbytes] = sizes.map(|n| n as usize);
     // A frame of no values has a block size of 0 and is never decoded.
     let block_fits = bytes == 0 || (1..=bytes).contains(&block_size);
@@ -280,7 +285,7 @@ mod tests {
 
     fn read(bytes: &[u8], e: Encoding) -> Result<(usize, usize, usize), Damage> {
         let mut c = Cursor::new(bytes, 0);
-        let r = Record::read(&mut c, &e, &MASK)?;
+        let r = Record::read(&mut c, e, &MASK)?;
         Ok((r.count, r.chunk.len(), c.at()))
     }
 
@@ -290,7 +295,7 @@ mod tests {
         for (half, used) in [(true, 1), (false, 9)] {
             let bytes = [0; 9];
             let mut c = Cursor::new(&bytes, 0);
-            Record::read(&mut c, &encoding(FLAG_ZIP | FLAG_ACTIVE_MASK, half), &none).unwrap();
+            Record::read(&mut c, encoding(FLAG_ZIP | FLAG_ACTIVE_MASK, half), &none).unwrap();
             assert_eq!(c.at(), used, "half = {half}");
         }
     }
