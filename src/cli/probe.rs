@@ -1,0 +1,3 @@
+//! stub
+use super::Failure;
+pub(super) fn run(_: &super::args::ProbeArgs) -> Result<(), Failure> { Ok(()) }
