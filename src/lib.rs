@@ -15,4 +15,5 @@ pub mod scene;
 pub mod space;
 pub mod spectrum;
 pub mod stats;
+pub mod tracking;
 pub mod vdb;

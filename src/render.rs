@@ -1,10 +1,24 @@
-//! One frame: tiles, threads, cancellation, progress, statistics.
+//! One frame: tiles over threads, cancellation, progress, counters.
+//!
+//! A pixel's samples are taken in order from streams keyed by (seed, frame, pixel, sample), and
+//! counters are sums of integers, so the result is the same bits for any number of threads and
+//! any order of tiles.
 
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::Instant;
 
-use crate::film::Film;
+use glam::DVec2;
+use rayon::prelude::*;
+
+use crate::film::{Film, Pixel};
+use crate::integrator::Context;
+use crate::sampling::{Stream, StreamKey};
 use crate::scene::Scene;
 use crate::stats::Counts;
+
+/// Pixels along a tile's edge: small enough to balance two threads, large enough that the
+/// rays of a tile read the same bricks.
+const TILE: u32 = 16;
 
 /// Hears of finished work while a frame renders. Called from many threads.
 pub trait Progress: Sync {
@@ -34,12 +48,103 @@ pub struct Rendered {
 }
 
 /// Renders `scene` on the current rayon thread pool.
+///
+/// Setting `cancel` ends the render at the next pixel; pixels that were not reached are empty.
 pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Rendered {
-    let _ = (progress, cancel);
-    Rendered {
-        film: Film::new(scene.width, scene.height),
-        counts: Counts::default(),
-        first_tile_secs: 0.0,
-        complete: true,
+    let start = Instant::now();
+    let context = Context {
+        camera: &scene.camera,
+        medium: scene.medium.as_ref(),
+        lights: &scene.lights,
+        settings: scene.transport,
+    };
+    let mut film = Film::new(scene.width, scene.height);
+    let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
+    let done = AtomicU64::new(0);
+    let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
+    let rendered: Vec<(Vec<Pixel>, Counts, f64)> = tiles
+        .par_iter()
+        .map(|tile| {
+            let (pixels, counts) = render_tile(scene, &context, tile, cancel);
+            let rays = counts.camera_rays;
+            let before = done.fetch_add(rays, Ordering::Relaxed);
+            progress.advance(before + rays, total);
+            (pixels, counts, start.elapsed().as_secs_f64())
+        })
+        .collect();
+    let mut counts = Counts::default();
+    let mut first_tile_secs = f64::INFINITY;
+    for (tile, (pixels, tile_counts, secs)) in tiles.iter().zip(rendered) {
+        counts.add(&tile_counts);
+        first_tile_secs = first_tile_secs.min(secs);
+        for (at, pixel) in tile.pixels().zip(pixels) {
+            film.pixels_mut()[at.1 as usize * scene.width as usize + at.0 as usize] = pixel;
+        }
     }
+    Rendered {
+        film,
+        counts,
+        first_tile_secs,
+        complete: counts.camera_rays == total,
+    }
+}
+
+/// A rectangle of pixels.
+struct Tile {
+    x: std::ops::Range<u32>,
+    y: std::ops::Range<u32>,
+}
+
+impl Tile {
+    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        self.y
+            .clone()
+            .flat_map(|y| self.x.clone().map(move |x| (x, y)))
+    }
+}
+
+fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
+    let starts = |n: u32| (0..n).step_by(TILE as usize);
+    starts(height).flat_map(move |y| {
+        starts(width).map(move |x| Tile {
+            x: x..width.min(x.saturating_add(TILE)),
+            y: y..height.min(y.saturating_add(TILE)),
+        })
+    })
+}
+
+fn render_tile(
+    scene: &Scene,
+    context: &Context<'_>,
+    tile: &Tile,
+    cancel: &AtomicBool,
+) -> (Vec<Pixel>, Counts) {
+    let mut counts = Counts::default();
+    let pixels = tile.pixels().map(|(x, y)| {
+        let mut pixel = Pixel::default();
+        if cancel.load(Ordering::Relaxed) {
+            return pixel;
+        }
+        let index = u64::from(y) * u64::from(scene.width) + u64::from(x);
+        for sample in 0..u64::from(scene.spp) {
+            let key = StreamKey {
+                seed: scene.seed,
+                frame: scene.frame,
+                pixel: index,
+                sample,
+            };
+            let mut stream = Stream::new(key);
+            let jitter = DVec2::new(f64::from(stream.uniform()), f64::from(stream.uniform()));
+            let size = DVec2::new(f64::from(scene.width), f64::from(scene.height));
+            let film = (DVec2::new(f64::from(x), f64::from(y)) + jitter) / size;
+            let sample = context.sample_radiance(scene.camera.ray(film), &mut stream, &mut counts);
+            if sample.radiance.is_finite() {
+                pixel.add(&sample);
+            } else {
+                counts.non_finite_samples += 1;
+            }
+        }
+        pixel
+    });
+    (pixels.collect(), counts)
 }

@@ -313,7 +313,7 @@ impl Bounds {
     fn find_occupied(&self, tree: &Tree<f32>) -> Option<(IVec3, IVec3)> {
         let (mut lo, mut hi) = (IVec3::MAX, IVec3::MIN);
         let mut include = |origin: IVec3, log2: u32| {
-            let first = origin >> BRICK_LOG2 as i32;
+            let first = origin >> BRICK_LOG2;
             lo = lo.min(first);
             hi = hi.max(first + ((1 << (log2 - BRICK_LOG2)) - 1));
         };

@@ -79,7 +79,7 @@ pub fn origin(p: IVec3) -> IVec3 {
 /// Returns the voxel at `offset`, relative to its brick's origin.
 pub fn voxel_at(offset: usize) -> IVec3 {
     let o = offset as u32;
-    IVec3::new((o >> 6) as i32, (o >> 3 & 7) as i32, (o & 7) as i32)
+    IVec3::new((o >> 6) as i32, (o >> 3 & 7) as i32, (o & 7))
 }
 
 #[cfg(test)]

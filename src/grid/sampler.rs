@@ -42,7 +42,7 @@ impl<'a> Sampler<'a> {
     /// Two dependent loads within the remembered node, up to four and a search elsewhere.
     #[inline] // bench: lookup
     pub fn value(&mut self, p: IVec3) -> f32 {
-        let key = p >> LOWER_TOTAL_LOG2 as i32;
+        let key = p >> LOWER_TOTAL_LOG2;
         if key != self.key {
             self.key = key;
             self.node = self.find_node(p);

@@ -176,8 +176,8 @@ impl<'a> Traversal<'a> {
 
     #[cold]
     fn look_up_node(&mut self) {
-        self.node_key = self.cell >> LOWER_LOG2 as i32;
-        let voxel = self.cell << BRICK_LOG2 as i32;
+        self.node_key = self.cell >> LOWER_LOG2;
+        let voxel = self.cell << BRICK_LOG2;
         const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
         self.node = match self.tree.root_index(root_origin(voxel)) {
             None => Node::Large {
@@ -219,13 +219,13 @@ impl Iterator for Traversal<'_> {
             if self.done || self.t >= self.t_end {
                 return None;
             }
-            if self.cell >> LOWER_LOG2 as i32 != self.node_key {
+            if self.cell >> LOWER_LOG2 != self.node_key {
                 self.look_up_node();
             }
             let t0 = self.t;
             let (bound, cell, size, t1) = match self.node {
                 Node::Lower(base) => {
-                    let voxel = self.cell << BRICK_LOG2 as i32;
+                    let voxel = self.cell << BRICK_LOG2;
                     let bound = self.bounds.lower[base + lower_slot(voxel)];
                     let axis = smallest(self.exit);
                     let t1 = self.exit[axis].max(t0);
@@ -234,7 +234,7 @@ impl Iterator for Traversal<'_> {
                 }
                 Node::Large { log2, bound } => {
                     let size = 1 << log2;
-                    let cell = (self.cell & !(size - 1)) << BRICK_LOG2 as i32;
+                    let cell = (self.cell & !(size - 1)) << BRICK_LOG2;
                     let t1 = self.leap(size);
                     (bound, cell, size << BRICK_LOG2, t1)
                 }

@@ -126,14 +126,14 @@ pub struct Tree<V> {
 /// Returns the slot of voxel `p` within its upper node.
 #[inline] // bench: lookup
 pub(super) fn upper_slot(p: IVec3) -> usize {
-    let q = (p >> LOWER_TOTAL_LOG2 as i32) & ((1 << UPPER_LOG2) - 1);
+    let q = (p >> LOWER_TOTAL_LOG2) & ((1 << UPPER_LOG2) - 1);
     ((q.x << (2 * UPPER_LOG2)) | (q.y << UPPER_LOG2) | q.z) as u32 as usize
 }
 
 /// Returns the slot of voxel `p` within its lower node.
 #[inline] // bench: lookup
 pub(super) fn lower_slot(p: IVec3) -> usize {
-    let q = (p >> BRICK_LOG2 as i32) & ((1 << LOWER_LOG2) - 1);
+    let q = (p >> BRICK_LOG2) & ((1 << LOWER_LOG2) - 1);
     ((q.x << (2 * LOWER_LOG2)) | (q.y << LOWER_LOG2) | q.z) as u32 as usize
 }
 
@@ -141,7 +141,7 @@ pub(super) fn lower_slot(p: IVec3) -> usize {
 pub(super) fn slot_origin(slot: usize, node_log2: u32, cell_log2: u32) -> IVec3 {
     let mask = (1 << node_log2) - 1;
     let s = slot as i32;
-    IVec3::new(s >> (2 * node_log2), s >> node_log2 & mask, s & mask) << cell_log2 as i32
+    IVec3::new(s >> (2 * node_log2), s >> node_log2 & mask, s & mask) << cell_log2
 }
 
 pub(super) fn root_origin(p: IVec3) -> IVec3 {

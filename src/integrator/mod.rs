@@ -1,6 +1,22 @@
 //! Estimators of the radiance along a camera ray.
+//!
+//! * `analog`: plain delta tracking, the short reference.
+//! * `path`: next-event estimation and roulette, the production choice.
+//!
+//! Both have the same expectation; a test compares their images. Neither sees a voxel.
+
+mod analog;
+mod path;
 
 use serde::{Deserialize, Serialize};
+
+use crate::camera::Camera;
+use crate::film::Sample;
+use crate::light::Lights;
+use crate::medium::Medium;
+use crate::sampling::Stream;
+use crate::space::Ray;
+use crate::stats::Counts;
 
 /// Which integrator renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -15,7 +31,7 @@ pub enum IntegratorKind {
 }
 
 /// What the image is, as far as light transport is concerned.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TransportSettings {
     /// Which integrator renders.
     pub integrator: IntegratorKind,
@@ -23,4 +39,28 @@ pub struct TransportSettings {
     ///
     /// BIAS: a cap darkens the image; it is off unless asked for.
     pub max_bounces: Option<u32>,
+}
+
+/// What a path meets: borrowed from the scene for one frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Context<'a> {
+    /// For depths along its axis.
+    pub camera: &'a Camera,
+    /// The medium, if there is one.
+    pub medium: Option<&'a Medium>,
+    /// The lights.
+    pub lights: &'a Lights,
+    /// Light transport.
+    pub settings: TransportSettings,
+}
+
+impl Context<'_> {
+    /// Returns an unbiased sample of the radiance that arrives along the camera ray `ray`.
+    pub fn sample_radiance(&self, ray: Ray, stream: &mut Stream, counts: &mut Counts) -> Sample {
+        counts.camera_rays += 1;
+        match self.settings.integrator {
+            IntegratorKind::Path => path::sample_radiance(self, ray, stream, counts),
+            IntegratorKind::Analog => analog::sample_radiance(self, ray, stream, counts),
+        }
+    }
 }

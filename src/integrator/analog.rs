@@ -1,0 +1,66 @@
+//! The analog integrator: delta tracking, no light sampling, nothing clever.
+//!
+//! A photon path run backwards, as nature does it: fly to the next collision, die there with
+//! probability `1 − albedo`, scatter otherwise, and bring home what shines where the path
+//! leaves. It is short enough to be checked by eye and serves as the reference for the
+//! path integrator.
+//!
+//! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
+//! 50,000, and parallel light by none, which the scene loader refuses.
+
+use super::Context;
+use crate::film::Sample;
+use crate::sampling::Stream;
+use crate::space::Ray;
+use crate::spectrum::Rgb;
+use crate::stats::Counts;
+use crate::tracking::sample_collision;
+
+/// Returns an unbiased sample of the radiance that arrives along `ray`.
+///
+/// RGB albedo: the channel with the largest albedo decides survival, the others follow by
+/// weight, so that no channel's weight exceeds 1.
+pub(super) fn sample_radiance(
+    context: &Context<'_>,
+    mut ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> Sample {
+    let Context {
+        camera,
+        medium,
+        lights,
+        settings,
+    } = *context;
+    let mut first_depth = None;
+    let mut weight = Rgb::WHITE;
+    let mut bounces = 0;
+    loop {
+        let hit = medium.and_then(|m| {
+            let t = sample_collision(m.ray(&ray, f64::INFINITY), stream, counts)?;
+            Some((m, ray.at(t)))
+        });
+        let Some((medium, p)) = hit else {
+            return Sample {
+                radiance: weight * lights.radiance(ray.direction),
+                first_depth,
+            };
+        };
+        first_depth.get_or_insert_with(|| camera.depth(p));
+        let albedo = medium.albedo();
+        let survival = albedo.max_channel();
+        if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {
+            return Sample {
+                radiance: Rgb::BLACK,
+                first_depth,
+            };
+        }
+        weight *= albedo * survival.recip();
+        bounces += 1;
+        counts.scattered_rays += 1;
+        ray = Ray {
+            origin: p,
+            direction: medium.phase().sample(ray.direction, stream),
+        };
+    }
+}
