@@ -158,7 +158,7 @@ mod tests {
 
     fn sample(i: u32) -> Sample {
         let x = (i as f32 * 0.37).sin() + 2.0;
-        let first_depth = (i % 3 == 0).then(|| f64::from(i));
+        let first_depth = (i.is_multiple_of(3)).then(|| f64::from(i));
         Sample {
             radiance: Rgb([x, x * x, 1.0]),
             first_depth,
@@ -171,9 +171,9 @@ mod tests {
         for i in 0..100 {
             whole.add(&sample(i));
             if i < 37 {
-                a.add(&sample(i))
+                a.add(&sample(i));
             } else {
-                b.add(&sample(i))
+                b.add(&sample(i));
             }
         }
         let mut none = Pixel::default();

@@ -85,7 +85,7 @@ impl Stream {
     #[inline] // bench: frame
     pub fn uniform_positive(&mut self) -> f32 {
         /// 2⁻⁶⁴.
-        const SCALE: f32 = 1.0 / 18_446_744_073_709_551_616.0;
+        const SCALE: f32 = 1.0 / (1_u128 << 64) as f32;
         (self.bits() | 1) as f32 * SCALE
     }
 
@@ -186,7 +186,7 @@ mod tests {
             let cell = (x as usize).min(15);
             counts[cell] += 1;
         }
-        let chi2: f64 = (0..16)
+        let chi2: f64 = (0_u8..16)
             .map(|i| {
                 let from = (-f64::from(i)).exp();
                 let to = if i == 15 {
@@ -195,7 +195,7 @@ mod tests {
                     (-f64::from(i + 1)).exp()
                 };
                 let expected = f64::from(n) * (from - to);
-                (f64::from(counts[i as usize]) - expected).powi(2) / expected
+                (f64::from(counts[usize::from(i)]) - expected).powi(2) / expected
             })
             .sum();
         let p = 1.0 - ChiSquared::new(15.0).unwrap().cdf(chi2);

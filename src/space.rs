@@ -48,6 +48,7 @@ impl Aabb {
     };
 
     /// Returns the smallest box that holds this one and `p`.
+    #[must_use]
     pub fn including(self, p: DVec3) -> Self {
         Self {
             min: self.min.min(p),

@@ -8,6 +8,14 @@
 //! within 5 standard errors: the smallest bias of the mean that is seen is 0.4 % (lone voxel)
 //! to 1.1 % (oblique step). Seeds are fixed: a failure is a defect.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::print_stdout,
+    reason = "small numbers; what a test can see is printed"
+)]
+
 mod support;
 
 use std::sync::Arc;
@@ -116,7 +124,7 @@ impl Case {
 
     fn medium(&self) -> Medium {
         let transform = IndexTransform::uniform(VOXEL);
-        let grid = DensityGrid::new(self.tree.clone(), transform, usize::MAX).unwrap();
+        let grid = DensityGrid::new(self.tree.clone(), transform, usize::MAX).expect("no limit");
         // The extinction is given per voxel; the world's unit is another.
         let scale = self.scale / VOXEL as f32;
         Medium::new(Arc::new(grid), scale, Rgb::WHITE, Phase::Isotropic)

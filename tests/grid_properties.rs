@@ -3,6 +3,14 @@
 //! A tree is random voxels and tiles near a random corner of the index range; a ray is random,
 //! or aligned with axes and lattice points on purpose. The oracle reads the tree voxel by voxel.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::print_stdout,
+    reason = "small numbers; what a test can see is printed"
+)]
+
 use glam::{DAffine3, DVec3, IVec3};
 use majorant::grid::{Bound, DensityGrid, Segment, Tree, TreeBuilder};
 use majorant::space::IndexTransform;

@@ -8,6 +8,14 @@
 //!
 //! Every z-test is on fixed seeds at |z| < 5.
 
+#![allow(
+    clippy::cast_possible_truncation,
+    clippy::cast_possible_wrap,
+    clippy::cast_sign_loss,
+    clippy::print_stdout,
+    reason = "small numbers; what a test can see is printed"
+)]
+
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
@@ -76,8 +84,11 @@ fn scene(medium: Medium, lights: Lights, transport: TransportSettings) -> Scene 
 fn run(scene: &Scene) -> Rendered {
     let rendered = render(scene, &NoProgress, &AtomicBool::new(false));
     assert!(rendered.complete, "not cancelled");
-    assert_eq!(rendered.counts.bound_violations, 0);
-    assert_eq!(rendered.counts.non_finite_samples, 0);
+    assert_eq!(rendered.counts.bound_violations, 0, "bounds hold");
+    assert_eq!(
+        rendered.counts.non_finite_samples, 0,
+        "all samples are finite"
+    );
     rendered
 }
 

@@ -28,7 +28,10 @@ use super::tree::{
 };
 
 // One layer of the upper neighbours completes a brick's own values to what its filter reads.
-const _: () = assert!(BRICK_DIM + 1 == FOOTPRINT);
+const _: () = assert!(
+    BRICK_DIM + 1 == FOOTPRINT,
+    "the layer is all that is missing"
+);
 
 /// What is known of the values that a filter can read within one cell.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -174,7 +177,7 @@ fn find_halo(tree: &Tree<f32>) -> Halo {
             };
             let mut differs = false;
             for_each_in_layer(tree, cell, side, &mut |v| {
-                differs |= v != tree.tiles[t].value
+                differs |= v != tree.tiles[t].value;
             });
             if differs {
                 make(p);
@@ -354,7 +357,7 @@ fn is_surrounded(slots: &[Slot], s: usize, log2: u32) -> bool {
     let inside = [2 * log2, log2, 0]
         .iter()
         .all(|shift| s >> shift & mask != mask);
-    let step = |d: IVec3| (d.x << (2 * log2) | d.y << log2 | d.z) as u32 as usize;
+    let step = |d: IVec3| (d.x << (2 * log2) | d.y << log2 | d.z).cast_unsigned() as usize;
     inside && neighbours().all(|d| slots[s + step(d)] == slots[s])
 }
 

@@ -35,10 +35,16 @@ pub const FOOTPRINT: i32 = BRICK_DIM + 1;
 /// One bit for each voxel of a brick, in value order, bit `o` at `mask[o >> 6] >> (o & 63)`.
 pub type BrickMask = [u64; BRICK_LEN / 64];
 
-const _: () = assert!(BRICK_LEN == 512);
-const _: () = assert!(size_of::<[f32; BRICK_LEN]>() == 2048);
-const _: () = assert!(size_of::<[f32; BRICK_LEN]>() % 64 == 0);
-const _: () = assert!(size_of::<BrickMask>() * 8 == BRICK_LEN);
+const _: () = assert!(BRICK_LEN == 512, "offsets are 9 bits");
+const _: () = assert!(
+    size_of::<[f32; BRICK_LEN]>() == 2048,
+    "no header, no padding"
+);
+const _: () = assert!(
+    size_of::<[f32; BRICK_LEN]>().is_multiple_of(64),
+    "whole cache lines"
+);
+const _: () = assert!(size_of::<BrickMask>() * 8 == BRICK_LEN, "one bit a voxel");
 
 /// A value that a grid can store: plain bytes, comparable, with a zero.
 ///
@@ -68,7 +74,7 @@ voxel!(f32 => u32, f64 => u64, i32 => u32, i64 => u64,
 pub fn offset(p: IVec3) -> usize {
     let low = p & (BRICK_DIM - 1);
     // Each component is in 0..8 after masking, so the sum is in 0..512 and positive.
-    ((low.x << 6) | (low.y << 3) | low.z) as u32 as usize
+    ((low.x << 6) | (low.y << 3) | low.z).cast_unsigned() as usize
 }
 
 /// Returns the lowest voxel of the brick that holds `p`.
@@ -77,9 +83,12 @@ pub fn origin(p: IVec3) -> IVec3 {
 }
 
 /// Returns the voxel at `offset`, relative to its brick's origin.
+///
+/// # Panics
+/// If `offset` is 512 or more.
 pub fn voxel_at(offset: usize) -> IVec3 {
-    let o = offset as u32;
-    IVec3::new((o >> 6) as i32, (o >> 3 & 7) as i32, (o & 7))
+    let o = i32::try_from(offset).expect("an offset is below 512");
+    IVec3::new(o >> 6, o >> 3 & 7, o & 7)
 }
 
 #[cfg(test)]

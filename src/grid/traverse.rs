@@ -63,6 +63,9 @@ pub struct Traversal<'a> {
     done: bool,
 }
 
+/// Base-2 logarithm of the 8³ cells along the edge of a root cell.
+const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
+
 /// What a 16³ block of cells is stored as.
 #[derive(Clone, Copy, Debug)]
 enum Node {
@@ -178,7 +181,6 @@ impl<'a> Traversal<'a> {
     fn look_up_node(&mut self) {
         self.node_key = self.cell >> LOWER_LOG2;
         let voxel = self.cell << BRICK_LOG2;
-        const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
         self.node = match self.tree.root_index(root_origin(voxel)) {
             None => Node::Large {
                 log2: ROOT_LOG2,

@@ -39,9 +39,12 @@ pub const LOWER_TOTAL_LOG2: u32 = BRICK_LOG2 + LOWER_LOG2;
 /// Base-2 logarithm of the voxels along an edge of an upper node: 12.
 pub const UPPER_TOTAL_LOG2: u32 = LOWER_TOTAL_LOG2 + UPPER_LOG2;
 
-const _: () = assert!(size_of::<Slot>() == 4);
-const _: () = assert!(LOWER_TOTAL_LOG2 == 7 && UPPER_TOTAL_LOG2 == 12);
-const _: () = assert!(LOWER_LEN == 4096 && UPPER_LEN == 32768);
+const _: () = assert!(size_of::<Slot>() == 4, "as drawn");
+const _: () = assert!(
+    LOWER_TOTAL_LOG2 == 7 && UPPER_TOTAL_LOG2 == 12,
+    "OpenVDB's 5-4-3"
+);
+const _: () = assert!(LOWER_LEN == 4096 && UPPER_LEN == 32768, "as drawn");
 
 /// What a cell of a node holds: a child or a tile.
 #[derive(Clone, Copy, PartialEq, Eq, bytemuck::Pod, bytemuck::Zeroable)]
@@ -67,6 +70,9 @@ impl Slot {
     }
 
     /// Returns the index of the child, or else of the tile.
+    ///
+    /// # Errors
+    /// None in the sense of a failure: the index of the tile comes as `Err`.
     #[inline] // bench: lookup
     pub fn get(self) -> Result<usize, usize> {
         let index = (self.0 & !Self::TILE_BIT) as usize;
@@ -127,20 +133,20 @@ pub struct Tree<V> {
 #[inline] // bench: lookup
 pub(super) fn upper_slot(p: IVec3) -> usize {
     let q = (p >> LOWER_TOTAL_LOG2) & ((1 << UPPER_LOG2) - 1);
-    ((q.x << (2 * UPPER_LOG2)) | (q.y << UPPER_LOG2) | q.z) as u32 as usize
+    ((q.x << (2 * UPPER_LOG2)) | (q.y << UPPER_LOG2) | q.z).cast_unsigned() as usize
 }
 
 /// Returns the slot of voxel `p` within its lower node.
 #[inline] // bench: lookup
 pub(super) fn lower_slot(p: IVec3) -> usize {
     let q = (p >> BRICK_LOG2) & ((1 << LOWER_LOG2) - 1);
-    ((q.x << (2 * LOWER_LOG2)) | (q.y << LOWER_LOG2) | q.z) as u32 as usize
+    ((q.x << (2 * LOWER_LOG2)) | (q.y << LOWER_LOG2) | q.z).cast_unsigned() as usize
 }
 
 /// Returns the lowest voxel of the cell at `slot`, relative to its node's origin.
 pub(super) fn slot_origin(slot: usize, node_log2: u32, cell_log2: u32) -> IVec3 {
     let mask = (1 << node_log2) - 1;
-    let s = slot as i32;
+    let s = i32::try_from(slot).expect("a slot is below 2^15");
     IVec3::new(s >> (2 * node_log2), s >> node_log2 & mask, s & mask) << cell_log2
 }
 

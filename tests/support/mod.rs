@@ -1,5 +1,9 @@
 //! Oracles and statistics that several test files share.
-#![allow(dead_code, reason = "each test file uses its own part")]
+#![allow(
+    dead_code,
+    clippy::cast_possible_truncation,
+    reason = "each test file uses its own part; numbers are small"
+)]
 
 use glam::{DVec3, IVec3};
 use majorant::grid::Tree;
