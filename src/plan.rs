@@ -58,7 +58,7 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
     }
     if let Some(medium) = medium {
         add("active masks dropped", "rendering reads values only");
-        match medium.phase {
+        match medium.phase() {
             Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
             Phase::HenyeyGreenstein { g } if g == 0.0 => {
                 add("Henyey-Greenstein kernel at g = 0", "isotropic by value");
@@ -67,11 +67,11 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
                 add("Henyey-Greenstein kernel", "the phase function has a mean cosine");
             }
         }
-        if medium.albedo.is_black() {
+        if medium.albedo().is_black() {
             add("absorption only", "the albedo is 0");
         }
         // Zero: nothing to collide with.
-        if medium.sigma_t_per_density == 0.0 {
+        if medium.sigma_t_per_density() == 0.0 {
             add("empty medium", "the density scale is 0");
         }
     }
