@@ -4,7 +4,11 @@
 //! test runs it in a process of its own for each damaged file. `--limit MIB` sets the memory
 //! limit; `--time` prints seconds and peak memory.
 
-#![expect(clippy::print_stdout, clippy::print_stderr, reason = "a command-line tool")]
+#![expect(
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a command-line tool"
+)]
 
 use std::path::Path;
 use std::process::ExitCode;
@@ -39,7 +43,11 @@ fn load_all(path: &Path, options: &LoadOptions, timed: bool) -> Result<(), VdbEr
     let start = Instant::now();
     let archive = Archive::open(path)?;
     if timed {
-        println!("{}: walk {:.3} s", path.display(), start.elapsed().as_secs_f64());
+        println!(
+            "{}: walk {:.3} s",
+            path.display(),
+            start.elapsed().as_secs_f64()
+        );
     }
     for (i, info) in archive.grids().iter().enumerate() {
         if let Some(reason) = &info.refused {

@@ -184,7 +184,13 @@ fn channels(film: &Film) -> AnyChannels<FlatSamples> {
         let samples = pixels.iter().map(|p| value(p) as f32).collect();
         AnyChannel::new(name, FlatSamples::F32(samples))
     };
-    let depth = |p: &Pixel| if p.hit_count == 0 { f64::INFINITY } else { p.depth_mean };
+    let depth = |p: &Pixel| {
+        if p.hit_count == 0 {
+            f64::INFINITY
+        } else {
+            p.depth_mean
+        }
+    };
     let list: SmallVec<[AnyChannel<FlatSamples>; 4]> = [
         half("R", &|p| p.mean[0]),
         half("G", &|p| p.mean[1]),
@@ -292,7 +298,10 @@ fn attributes(provenance: &Provenance) -> LayerAttributes {
 
 /// EXR texts are bytes; whatever is not ASCII is written as `?`, so that any reader shows it.
 fn text(s: &str) -> Text {
-    let ascii: String = s.chars().map(|c| if c.is_ascii() { c } else { '?' }).collect();
+    let ascii: String = s
+        .chars()
+        .map(|c| if c.is_ascii() { c } else { '?' })
+        .collect();
     Text::new_or_none(ascii).expect("ASCII is representable")
 }
 
@@ -324,7 +333,20 @@ fn civil_from_days(mut days: u64) -> (u64, u64, u64) {
         days -= len;
         year += 1;
     }
-    let lengths = [31, 28 + u64::from(is_leap(year)), 31, 30, 31, 30, 31, 31, 30, 31, 30, 31];
+    let lengths = [
+        31,
+        28 + u64::from(is_leap(year)),
+        31,
+        30,
+        31,
+        30,
+        31,
+        31,
+        30,
+        31,
+        30,
+        31,
+    ];
     let mut month = 1;
     for len in lengths {
         if days < len {

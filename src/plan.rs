@@ -64,7 +64,10 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
                 add("Henyey-Greenstein kernel at g = 0", "isotropic by value");
             }
             Phase::HenyeyGreenstein { .. } => {
-                add("Henyey-Greenstein kernel", "the phase function has a mean cosine");
+                add(
+                    "Henyey-Greenstein kernel",
+                    "the phase function has a mean cosine",
+                );
             }
         }
         if medium.albedo().is_black() {
@@ -76,8 +79,14 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
         }
     }
     match transport.max_bounces {
-        None => add("no depth cap", "paths end by escape, absorption and roulette: unbiased"),
-        Some(_) => add("BIASED depth cap", "max_bounces is set: the image is too dark"),
+        None => add(
+            "no depth cap",
+            "paths end by escape, absorption and roulette: unbiased",
+        ),
+        Some(_) => add(
+            "BIASED depth cap",
+            "max_bounces is set: the image is too dark",
+        ),
     }
     lines
 }

@@ -94,7 +94,10 @@ pub(super) struct RenderArgs {
     pub(super) print_scene: bool,
     /// Also write an 8 bit sRGB picture [default FILE: the output's name with .png]
     #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
-    #[expect(clippy::option_option, reason = "absent, without and with a value are three things")]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with a value are three things"
+    )]
     pub(super) preview_png: Option<Option<PathBuf>>,
     /// Write times, counts and memory as JSON
     #[arg(long, value_name = "FILE")]

@@ -4,6 +4,7 @@
 
 mod args;
 mod info;
+mod json;
 mod memory;
 mod probe;
 mod progress;
@@ -26,8 +27,10 @@ enum Failure {
     Scene(majorant::scene::SceneError),
     /// A volume file cannot be read.
     Vdb(majorant::vdb::VdbError),
-    /// An input could not be read, or several could not and have been reported.
-    BadInput(Option<String>),
+    /// Another input cannot be read.
+    BadInput(String),
+    /// Some inputs could not be read, which has been said.
+    Reported,
     /// Something else went wrong, mostly while writing.
     Failed(Box<dyn std::error::Error>),
 }
@@ -42,7 +45,7 @@ impl Failure {
         match self {
             Self::Failed(_) => 1,
             Self::Usage(_) => 2,
-            Self::Scene(_) | Self::Vdb(_) | Self::BadInput(_) => 3,
+            Self::Scene(_) | Self::Vdb(_) | Self::BadInput(_) | Self::Reported => 3,
         }
     }
 }

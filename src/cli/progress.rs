@@ -13,7 +13,10 @@ use super::report;
 /// Shows progress until dropped; silent under `-q`, whose log level drops both forms.
 pub(super) enum RenderProgress {
     Bar(Span),
-    Lines { start: Instant, shown_tenths: AtomicU64 },
+    Lines {
+        start: Instant,
+        shown_tenths: AtomicU64,
+    },
 }
 
 impl RenderProgress {
@@ -50,7 +53,10 @@ impl Progress for RenderProgress {
                 if tenths < 10 && shown_tenths.fetch_max(tenths, Ordering::Relaxed) < tenths {
                     let elapsed = start.elapsed().as_secs_f64();
                     let left = elapsed * (total - done) as f64 / done.max(1) as f64;
-                    tracing::info!("{} % in {elapsed:.1} s, about {left:.1} s left", tenths * 10);
+                    tracing::info!(
+                        "{} % in {elapsed:.1} s, about {left:.1} s left",
+                        tenths * 10
+                    );
                 }
             }
         }

@@ -30,7 +30,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         let (file, volume) = default_scene(args, &options, &mut stages)?;
         (file, Some(volume))
     } else if args.up.is_some() {
-        return Err(Failure::Usage("--up is for bare .vdb files: set up in [camera]".to_owned()));
+        return Err(Failure::Usage(
+            "--up is for bare .vdb files: set up in [camera]".to_owned(),
+        ));
     } else {
         (SceneFile::read(&args.input)?, None)
     };
@@ -56,13 +58,23 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 fn output_path(args: &RenderArgs) -> Result<PathBuf, Failure> {
     let path = match &args.output {
         Some(path) => path.clone(),
-        None => Path::new(args.input.file_stem().unwrap_or_default()).with_extension("exr"),
+        None => {
+            // Not `with_extension`, which would take `cloud.0012` for a name in .0012.
+            let mut name = args.input.file_stem().unwrap_or_default().to_owned();
+            name.push(".exr");
+            PathBuf::from(name)
+        }
     };
-    if path.extension().is_some_and(|e| e.eq_ignore_ascii_case("exr")) {
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+    {
         return Ok(path);
     }
     let shown = path.display();
-    Err(Failure::Usage(format!("--output {shown}: images are OpenEXR, expected a name in .exr")))
+    Err(Failure::Usage(format!(
+        "--output {shown}: images are OpenEXR, expected a name in .exr"
+    )))
 }
 
 fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
@@ -76,7 +88,8 @@ fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
 }
 
 fn is_volume(path: &Path) -> bool {
-    path.extension().is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
 }
 
 fn default_scene(
@@ -166,14 +179,21 @@ impl Stages {
         stats.seconds.build = Some(self.build.wall);
         stats.seconds.load = Some(total.wall - self.build.wall);
         stats.cpu_seconds.build = self.build.cpu;
-        stats.cpu_seconds.load = total.cpu.zip(self.build.cpu).map(|(all, build)| all - build);
+        stats.cpu_seconds.load = total
+            .cpu
+            .zip(self.build.cpu)
+            .map(|(all, build)| all - build);
     }
 }
 
 fn report_plan(stats: &Stats) {
     let grid = &stats.grid;
     let mb = grid.bytes as f64 / 1e6;
-    tracing::debug!("{} bricks, {mb:.1} MB in memory, {} threads", grid.bricks, stats.threads);
+    tracing::debug!(
+        "{} bricks, {mb:.1} MB in memory, {} threads",
+        grid.bricks,
+        stats.threads
+    );
     for line in &stats.plan {
         tracing::debug!("{line}");
     }
@@ -210,11 +230,23 @@ fn render_timed(scene: &Scene, mut begin: Clock, stats: &mut Stats) -> Result<Fi
 fn warn_of_trouble(stats: &Stats) {
     let counts = &stats.counts;
     let warnings = [
-        (counts.rays.bound_violations, "values above their bound: THE IMAGE IS BIASED, a bug"),
-        (counts.rays.non_finite_samples, "samples were not finite and left out: a bug"),
+        (
+            counts.rays.bound_violations,
+            "values above their bound: THE IMAGE IS BIASED, a bug",
+        ),
+        (
+            counts.rays.non_finite_samples,
+            "samples were not finite and left out: a bug",
+        ),
         (counts.clamped_voxels, "negative voxels or tiles read as 0"),
-        (counts.sanitized_voxels, "voxels or tiles not finite, read as 0"),
-        (counts.half_clamped_pixels, "pixels brighter than 65504, clamped in the EXR"),
+        (
+            counts.sanitized_voxels,
+            "voxels or tiles not finite, read as 0",
+        ),
+        (
+            counts.half_clamped_pixels,
+            "pixels brighter than 65504, clamped in the EXR",
+        ),
     ];
     for (count, what) in warnings {
         if count > 0 {
@@ -248,7 +280,9 @@ fn write(
     };
     output::write_exr(output, film, &provenance).map_err(Failure::failed)?;
     if let Some(preview) = &args.preview_png {
-        let path = preview.clone().unwrap_or_else(|| output.with_extension("png"));
+        let path = preview
+            .clone()
+            .unwrap_or_else(|| output.with_extension("png"));
         output::write_png(&path, film).map_err(Failure::failed)?;
     }
     let lap = clock.lap();
@@ -265,9 +299,10 @@ fn write(
 fn summarise(output: &Path, stats: &Stats) {
     let samples = stats.counts.rays.camera_rays as f64;
     let wall = stats.seconds.render.unwrap_or(0.0);
-    let cpu = stats.cpu_seconds.render.map_or(String::new(), |cpu| {
-        format!(", {cpu:.2} CPU s")
-    });
+    let cpu = stats
+        .cpu_seconds
+        .render
+        .map_or(String::new(), |cpu| format!(", {cpu:.2} CPU s"));
     let rate = samples / wall.max(1e-9) / 1e6;
     let before = stats.seconds.load.unwrap_or(0.0) + stats.seconds.build.unwrap_or(0.0);
     tracing::info!(
@@ -275,4 +310,3 @@ fn summarise(output: &Path, stats: &Stats) {
         output.display()
     );
 }
-

@@ -81,8 +81,8 @@ pub(super) fn failure(failure: &Failure) {
             None => error_line(&chain(e)),
         },
         Failure::Vdb(e) => error_line(&chain(e)),
-        Failure::BadInput(Some(message)) => error_line(message),
-        Failure::BadInput(None) => return,
+        Failure::BadInput(message) => error_line(message),
+        Failure::Reported => return,
         Failure::Failed(e) => error_line(&chain(e.as_ref())),
     };
     // Nothing can be done about a stderr that is closed.
@@ -139,18 +139,34 @@ impl Diagnostic for Shown<'_> {
     }
 
     fn labels(&self) -> Option<Box<dyn Iterator<Item = LabeledSpan> + '_>> {
-        let label = self.place.expected.as_ref().map(|e| format!("expected {e}"));
+        let label = self
+            .place
+            .expected
+            .as_ref()
+            .map(|e| format!("expected {e}"));
         let span = self.place.span.clone();
-        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(label, span))))
+        Some(Box::new(std::iter::once(LabeledSpan::new_with_span(
+            label, span,
+        ))))
     }
 }
 
 fn diagnostic(place: &DescriptionError, error: &(dyn Error + 'static)) -> String {
     // An error about a default or the whole file has no line to show.
     if place.span.is_empty() {
-        let expected = place.expected.as_ref().map_or(String::new(), |e| format!(", expected {e}"));
-        let help = place.help.as_ref().map_or(String::new(), |h| format!("; {h}"));
-        return error_line(&format!("{}: {}{expected}{help}", place.path.display(), place.message));
+        let expected = place
+            .expected
+            .as_ref()
+            .map_or(String::new(), |e| format!(", expected {e}"));
+        let help = place
+            .help
+            .as_ref()
+            .map_or(String::new(), |h| format!("; {h}"));
+        return error_line(&format!(
+            "{}: {}{expected}{help}",
+            place.path.display(),
+            place.message
+        ));
     }
     let name = place.path.display().to_string();
     let shown = Shown {
@@ -178,7 +194,10 @@ fn diagnostic(place: &DescriptionError, error: &(dyn Error + 'static)) -> String
 /// Prints results to stdout; a reader that closed the pipe early is no error.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = std::io::stdout().lock();
-    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+    match stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush())
+    {
         Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::failed(e)),
         _ => Ok(()),
     }

@@ -40,7 +40,10 @@ impl Clock {
         let cpu = self.cpu.zip(now.cpu);
         let lap = Lap {
             wall: now.wall.duration_since(self.wall).as_secs_f64(),
-            cpu: cpu.map(|(from, to)| to.duration_since(from)).as_ref().map(Duration::as_secs_f64),
+            cpu: cpu
+                .map(|(from, to)| to.duration_since(from))
+                .as_ref()
+                .map(Duration::as_secs_f64),
         };
         *self = now;
         lap

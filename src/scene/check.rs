@@ -61,8 +61,7 @@ impl SceneFile {
     /// At the first value that is out of range, not finite or contradicts another.
     pub fn check(&self, max_memory_bytes: u64) -> Result<Checked, SceneError> {
         let Self { source, desc } = self;
-        check_all(source, desc, max_memory_bytes)
-            .map_err(|e| SceneError::Description(Box::new(e)))
+        check_all(source, desc, max_memory_bytes).map_err(|e| SceneError::Description(Box::new(e)))
     }
 }
 
@@ -101,7 +100,10 @@ fn check_resolution(
     max_memory_bytes: u64,
 ) -> Check<[u32; 2]> {
     let [width, height] = *resolution.get_ref();
-    if [width, height].iter().any(|n| !(1..=MAX_RESOLUTION).contains(n)) {
+    if [width, height]
+        .iter()
+        .any(|n| !(1..=MAX_RESOLUTION).contains(n))
+    {
         let expected = format!("columns and rows from 1 to {MAX_RESOLUTION}");
         let message = format!("resolution is [{width}, {height}]");
         return Err(source.error(resolution.span(), message, expected));
@@ -134,13 +136,21 @@ fn check_camera(source: &Source, desc: &SceneDesc, [width, height]: [u32; 2]) ->
     Camera::look_at(position, look_at, up, fov.to_radians(), aspect).ok_or_else(|| {
         // Every other reason has been excluded above.
         let message = "up is parallel to the view direction";
-        source.error(place(&camera.up, &camera.look_at), message, "a direction across the view")
+        source.error(
+            place(&camera.up, &camera.look_at),
+            message,
+            "a direction across the view",
+        )
     })
 }
 
 /// Returns where `value` stands, or where `instead` does if `value` is a default.
 fn place<T, U>(value: &Spanned<T>, instead: &Spanned<U>) -> Range<usize> {
-    if value.span().is_empty() { instead.span() } else { value.span() }
+    if value.span().is_empty() {
+        instead.span()
+    } else {
+        value.span()
+    }
 }
 
 fn one_volume<'a>(source: &Source, desc: &'a SceneDesc) -> Check<&'a VolumeDesc> {
@@ -191,7 +201,11 @@ fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
         }
         (PhaseKind::HenyeyGreenstein, None) => {
             let message = "a henyey-greenstein phase function needs g";
-            Err(source.error(phase.span(), message, "g = the mean cosine, say 0.85 for clouds"))
+            Err(source.error(
+                phase.span(),
+                message,
+                "g = the mean cosine, say 0.85 for clouds",
+            ))
         }
         (PhaseKind::HenyeyGreenstein, Some(spanned)) => {
             let g = number(source, "g", spanned)?;
@@ -202,7 +216,11 @@ fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
                 Ok(Phase::HenyeyGreenstein { g })
             } else {
                 let message = format!("g is {}", spanned.get_ref());
-                Err(source.error(spanned.span(), message, "a mean cosine above -1 and below 1"))
+                Err(source.error(
+                    spanned.span(),
+                    message,
+                    "a mean cosine above -1 and below 1",
+                ))
             }
         }
     }
@@ -215,7 +233,12 @@ fn check_lights(source: &Source, desc: &SceneDesc) -> Check<Lights> {
         match light.kind {
             LightKind::Distant => lights.distant.push(check_distant(source, desc, spanned)?),
             LightKind::Constant => {
-                foreign_key(source, "constant", "direction_to_light", &light.direction_to_light)?;
+                foreign_key(
+                    source,
+                    "constant",
+                    "direction_to_light",
+                    &light.direction_to_light,
+                )?;
                 foreign_key(source, "constant", "irradiance", &light.irradiance)?;
                 let diameter = &light.angular_diameter_degrees;
                 foreign_key(source, "constant", "angular_diameter_degrees", diameter)?;
@@ -240,13 +263,21 @@ fn check_distant(
         radiance,
     } = spanned.get_ref();
     foreign_key(source, "distant", "radiance", radiance)?;
-    let to_light = required(source, "distant", "direction_to_light", direction_to_light, spanned)?;
+    let to_light = required(
+        source,
+        "distant",
+        "direction_to_light",
+        direction_to_light,
+        spanned,
+    )?;
     let irradiance = required(source, "distant", "irradiance", irradiance, spanned)?;
     let diameter = match angular_diameter_degrees {
         Some(d) => number(source, "angular_diameter_degrees", d)?,
         None => 0.0,
     };
-    let at = angular_diameter_degrees.as_ref().map_or(spanned.span(), Spanned::span);
+    let at = angular_diameter_degrees
+        .as_ref()
+        .map_or(spanned.span(), Spanned::span);
     if !(0.0..180.0).contains(&diameter) {
         let message = format!("angular_diameter_degrees is {diameter}");
         return Err(source.error(at, message, "an angle from 0 to below 180 degrees"));
@@ -260,7 +291,11 @@ fn check_distant(
     let unit = direction(source, "direction_to_light", to_light)?;
     let irradiance = colour(source, "irradiance", irradiance)?;
     DistantLight::new(unit, irradiance, diameter.to_radians()).ok_or_else(|| {
-        source.error(to_light.span(), "direction_to_light is no direction", "a finite vector")
+        source.error(
+            to_light.span(),
+            "direction_to_light is no direction",
+            "a finite vector",
+        )
     })
 }
 
@@ -278,12 +313,7 @@ fn required<'a, T>(
 }
 
 /// Refuses a key that lights of another type have.
-fn foreign_key<T>(
-    source: &Source,
-    kind: &str,
-    key: &str,
-    value: &Option<Spanned<T>>,
-) -> Check<()> {
+fn foreign_key<T>(source: &Source, kind: &str, key: &str, value: &Option<Spanned<T>>) -> Check<()> {
     match value {
         None => Ok(()),
         Some(v) => {
@@ -313,14 +343,20 @@ fn finite_vector(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check
         return Ok(v);
     }
     let message = format!("{key} is {:?}", value.get_ref());
-    Err(source.error(value.span(), message, "three numbers between -1e30 and 1e30"))
+    Err(source.error(
+        value.span(),
+        message,
+        "three numbers between -1e30 and 1e30",
+    ))
 }
 
 fn direction(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<DVec3> {
-    finite_vector(source, key, value)?.try_normalize().ok_or_else(|| {
-        let message = format!("{key} is {:?}", value.get_ref());
-        source.error(value.span(), message, "a vector that is not zero")
-    })
+    finite_vector(source, key, value)?
+        .try_normalize()
+        .ok_or_else(|| {
+            let message = format!("{key} is {:?}", value.get_ref());
+            source.error(value.span(), message, "a vector that is not zero")
+        })
 }
 
 fn colour(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<Rgb> {

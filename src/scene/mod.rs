@@ -15,6 +15,7 @@ mod check;
 pub mod default_look;
 pub mod desc;
 mod error;
+mod framing;
 mod load;
 mod write;
 

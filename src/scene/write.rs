@@ -24,9 +24,18 @@ pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
         render,
     } = desc;
     let [width, height] = image.resolution.get_ref();
-    push(&mut out, format_args!("[image]\nresolution = [{width}, {height}]\n\n[camera]"));
-    push(&mut out, format_args!("position = {}", vector(&camera.position)));
-    push(&mut out, format_args!("look_at = {}", vector(&camera.look_at)));
+    push(
+        &mut out,
+        format_args!("[image]\nresolution = [{width}, {height}]\n\n[camera]"),
+    );
+    push(
+        &mut out,
+        format_args!("position = {}", vector(&camera.position)),
+    );
+    push(
+        &mut out,
+        format_args!("look_at = {}", vector(&camera.look_at)),
+    );
     push(&mut out, format_args!("up = {}", vector(&camera.up)));
     let fov = number(*camera.vertical_fov_degrees.get_ref());
     push(&mut out, format_args!("vertical_fov_degrees = {fov}"));
@@ -37,7 +46,10 @@ pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
         push_light(&mut out, l.get_ref());
     }
     let (spp, seed, frame) = (render.spp.get_ref(), render.seed.get_ref(), render.frame);
-    push(&mut out, format_args!("\n[render]\nspp = {spp}\nseed = {seed}\nframe = {frame}"));
+    push(
+        &mut out,
+        format_args!("\n[render]\nspp = {spp}\nseed = {seed}\nframe = {frame}"),
+    );
     let integrator = match render.integrator.get_ref() {
         IntegratorKind::Path => "path",
         IntegratorKind::Analog => "analog",
@@ -60,14 +72,19 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
     let (grid, scale) = (string(grid.get_ref()), number(*scale.get_ref()));
     push(out, format_args!("\n[[volume]]\nfile = {file}"));
     let note = "# sigma_t = scale * density, per world unit";
-    push(out, format_args!("density = {{ grid = {grid}, scale = {scale} }} {note}"));
+    push(
+        out,
+        format_args!("density = {{ grid = {grid}, scale = {scale} }} {note}"),
+    );
     push(out, format_args!("albedo = {}", vector(albedo)));
     let PhaseDesc { kind, g } = phase.get_ref();
     let kind = match kind {
         PhaseKind::Isotropic => "isotropic",
         PhaseKind::HenyeyGreenstein => "henyey-greenstein",
     };
-    let g = g.as_ref().map_or(String::new(), |g| format!(", g = {}", number(*g.get_ref())));
+    let g = g
+        .as_ref()
+        .map_or(String::new(), |g| format!(", g = {}", number(*g.get_ref())));
     push(out, format_args!("phase = {{ type = \"{kind}\"{g} }}"));
 }
 
@@ -91,7 +108,10 @@ fn push_light(out: &mut String, light: &LightDesc) {
         push(out, format_args!("irradiance = {}", vector(e)));
     }
     if let Some(d) = angular_diameter_degrees {
-        push(out, format_args!("angular_diameter_degrees = {}", number(*d.get_ref())));
+        push(
+            out,
+            format_args!("angular_diameter_degrees = {}", number(*d.get_ref())),
+        );
     }
     if let Some(l) = radiance {
         push(out, format_args!("radiance = {}", vector(l)));

@@ -166,7 +166,8 @@ impl Archive {
         let by_address = || self.grids.iter().position(|g| g.address == name);
         by_name.or_else(by_address).ok_or_else(|| {
             let names: Vec<_> = self.grids.iter().map(|g| g.address.clone()).collect();
-            let similarity = |n: &String| strsim::jaro_winkler(&n.to_lowercase(), &name.to_lowercase());
+            let similarity =
+                |n: &String| strsim::jaro_winkler(&n.to_lowercase(), &name.to_lowercase());
             let nearest = names
                 .iter()
                 .map(|n| (similarity(n), n))
@@ -258,7 +259,14 @@ impl Archive {
         resolve_instances(&mut entries).map_err(|(name, d)| damaged(Some(name), d))?;
         let (grids, trees) = entries
             .into_iter()
-            .map(|Entry { info, walked, tree_of, .. }| (info, GridTree { walked, tree_of }))
+            .map(
+                |Entry {
+                     info,
+                     walked,
+                     tree_of,
+                     ..
+                 }| (info, GridTree { walked, tree_of }),
+            )
             .unzip();
         Ok(Self {
             path,
@@ -338,14 +346,15 @@ impl<'a> Descriptor<'a> {
     /// Returns where the leaves' values begin; `c` stands behind the topology.
     fn buffers_at(&self, c: &Cursor<'_>) -> Result<usize, Damage> {
         let at = usize::try_from(self.positions[1]).ok();
-        at.filter(|at| (c.at()..=c.bytes().len()).contains(at)).ok_or_else(|| {
-            let what = format!(
-                "a grid's values are said to begin at {}, expected {} or later",
-                self.positions[1],
-                c.at()
-            );
-            Damage::new(self.positions_at, what)
-        })
+        at.filter(|at| (c.at()..=c.bytes().len()).contains(at))
+            .ok_or_else(|| {
+                let what = format!(
+                    "a grid's values are said to begin at {}, expected {} or later",
+                    self.positions[1],
+                    c.at()
+                );
+                Damage::new(self.positions_at, what)
+            })
     }
 }
 
@@ -356,7 +365,9 @@ fn walk_grid(
     has_offsets: bool,
 ) -> Result<(Entry, Option<usize>), Damage> {
     let (start, end) = if has_offsets {
-        descriptor.extent(c).map(|(start, end)| (start, Some(end)))?
+        descriptor
+            .extent(c)
+            .map(|(start, end)| (start, Some(end)))?
     } else {
         (c.at(), None)
     };
@@ -375,7 +386,10 @@ fn walk_grid(
     let mut walked_end = is_instance.then(|| c.at());
     if let (Ok(value), false, false) = (&value, is_instance, map == Map::Unknown) {
         let encoding = Encoding::new(flags, half, *value).ok_or_else(|| {
-            Damage::new(start, format!("compression flags {flags:#x}, expected 0 to 7"))
+            Damage::new(
+                start,
+                format!("compression flags {flags:#x}, expected 0 to 7"),
+            )
         })?;
         let mut topology = Topology::walk(&mut c, &encoding)?;
         if has_offsets {
@@ -396,7 +410,9 @@ fn walk_grid(
         Map::Frustum => Some(Refusal::FrustumMap),
         Map::Unknown => Some(Refusal::UnknownMap(metadata::text(map_type))),
     });
-    let class = metadata::get(&metadata, "class").unwrap_or("unknown").to_owned();
+    let class = metadata::get(&metadata, "class")
+        .unwrap_or("unknown")
+        .to_owned();
     let mut info = GridInfo {
         name: metadata::text(display_name(descriptor.name)),
         address: String::new(),

@@ -30,7 +30,10 @@ const KIND_DENSE: u8 = 6;
 
 /// Builds the stream of some leaves.
 pub(super) fn leaves(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
-    let payload: usize = records.iter().map(|r| r.chunk.len() + 2 * LEAF_MASK + 16).sum();
+    let payload: usize = records
+        .iter()
+        .map(|r| r.chunk.len() + 2 * LEAF_MASK + 16)
+        .sum();
     let mut s = Stream::new(encoding, payload + 2 * (UPPER_MASK + LOWER_MASK));
     s.u32(1);
     s.root_child(1);
@@ -48,7 +51,10 @@ pub(super) fn leaves(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
 
 /// Builds the stream of some lower nodes' tile values, without their leaves.
 pub(super) fn lowers(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
-    let payload: usize = records.iter().map(|r| r.chunk.len() + 2 * LOWER_MASK + 16).sum();
+    let payload: usize = records
+        .iter()
+        .map(|r| r.chunk.len() + 2 * LOWER_MASK + 16)
+        .sum();
     let mut s = Stream::new(encoding, payload + 2 * UPPER_MASK);
     s.u32(1);
     s.root_child(records.len());
@@ -61,7 +67,10 @@ pub(super) fn lowers(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
 
 /// Builds the stream of some upper nodes' tile values, without their children.
 pub(super) fn uppers(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
-    let payload: usize = records.iter().map(|r| r.chunk.len() + 2 * UPPER_MASK + 32).sum();
+    let payload: usize = records
+        .iter()
+        .map(|r| r.chunk.len() + 2 * UPPER_MASK + 32)
+        .sum();
     let mut s = Stream::new(encoding, payload);
     s.u32(u32::try_from(records.len()).expect("a share has few nodes"));
     for r in records {
@@ -171,7 +180,11 @@ impl Stream {
     }
 
     fn record(&mut self, record: &Record<'_>) {
-        let kind = if record.dense { KIND_DENSE } else { KIND_ACTIVE_ONLY };
+        let kind = if record.dense {
+            KIND_DENSE
+        } else {
+            KIND_ACTIVE_ONLY
+        };
         self.bytes(&[kind]);
         if record.count == 0 {
             self.no_chunk();

@@ -48,7 +48,12 @@ impl<'a> Cursor<'a> {
 
     /// Takes a plain value: the format is little-endian, and so is every supported machine.
     pub(super) fn pod<T: Pod>(&mut self, what: &str) -> Result<T, Damage> {
-        const { assert!(cfg!(target_endian = "little"), "values are copied as they are") };
+        const {
+            assert!(
+                cfg!(target_endian = "little"),
+                "values are copied as they are"
+            )
+        };
         Ok(bytemuck::pod_read_unaligned(
             self.take(size_of::<T>(), what)?,
         ))

@@ -23,9 +23,9 @@ use super::record::{Encoding, Inactive, Record, words};
 use super::topology::{
     LOWER_MASK, Node, NodeAt, Topology, UPPER_MASK, ones, read_leaf, slot_origin,
 };
+use crate::grid::Voxel;
 use crate::grid::brick::{BRICK_LEN, BRICK_LOG2, BrickMask};
 use crate::grid::tree::{LOWER_LOG2, LOWER_TOTAL_LOG2, Tree, TreeBuilder, UPPER_LOG2};
-use crate::grid::Voxel;
 
 /// Decoded bytes of a share: small enough to stay in cache, large enough that its made-up
 /// nodes (32768 values that vdb-rs expands) are a few per cent of the work.
@@ -128,7 +128,8 @@ impl<I> Decoder<'_, I> {
         for tile in self.topology.root_tiles(self.bytes, self.encoding) {
             let tile = tile?;
             let mut value = [self.ingest.convert(pod_read_unaligned(tile.value))];
-            self.ingest.inspect(Some(tile.origin), &mut value, &mut tally);
+            self.ingest
+                .inspect(Some(tile.origin), &mut value, &mut tally);
             builder.set_root_tile(tile.origin, value[0], tile.active);
         }
         for wave in self.topology.uppers.chunks(NODES_IN_FLIGHT / 8) {
@@ -206,7 +207,12 @@ impl<I> Decoder<'_, I> {
             masks,
         };
         if self.encoding.half {
-            self.fill(out, read_stream::<V::Half>(stream)?, V::from_half, background)
+            self.fill(
+                out,
+                read_stream::<V::Half>(stream)?,
+                V::from_half,
+                background,
+            )
         } else {
             self.fill(out, read_stream::<V>(stream)?, |v| v, background)
         }
@@ -225,12 +231,20 @@ impl<I> Decoder<'_, I> {
     {
         let mut tally = I::Tally::default();
         let upper = decoded.tree.root_nodes.first_mut();
-        let lower = upper.and_then(|u| u.nodes.get_mut(&0)).ok_or_else(|| missing("node"))?;
+        let lower = upper
+            .and_then(|u| u.nodes.get_mut(&0))
+            .ok_or_else(|| missing("node"))?;
         let bricks = out.values.chunks_exact_mut(BRICK_LEN);
-        let targets = out.records.iter().zip(out.leaves).zip(bricks.zip(out.masks));
+        let targets = out
+            .records
+            .iter()
+            .zip(out.leaves)
+            .zip(bricks.zip(out.masks));
         for (slot, ((record, leaf), (brick, mask))) in (0_u32..).zip(targets) {
             let buffer = lower.nodes.remove(&slot).map(|n| n.buffer);
-            let buffer = buffer.filter(|b| b.len() == BRICK_LEN).ok_or_else(|| missing("leaf"))?;
+            let buffer = buffer
+                .filter(|b| b.len() == BRICK_LEN)
+                .ok_or_else(|| missing("leaf"))?;
             for (to, from) in brick.iter_mut().zip(buffer) {
                 *to = self.ingest.convert(widen(from));
             }
@@ -262,7 +276,11 @@ impl<I> Decoder<'_, I> {
         if inactive.iter().all(|v| v.bits() == zero) {
             return;
         }
-        let selected = |i: usize| record.selection.is_some_and(|s| s[i / 8] >> (i % 8) & 1 == 1);
+        let selected = |i: usize| {
+            record
+                .selection
+                .is_some_and(|s| s[i / 8] >> (i % 8) & 1 == 1)
+        };
         for (i, value) in out.iter_mut().enumerate() {
             if record.value_mask[i / 8] >> (i % 8) & 1 == 0 {
                 *value = inactive[usize::from(selected(i))];
@@ -271,7 +289,10 @@ impl<I> Decoder<'_, I> {
     }
 
     /// Decodes the tile values of upper or lower nodes, leaving out inactive background.
-    #[expect(clippy::type_complexity, reason = "one list and one tally a node, used once")]
+    #[expect(
+        clippy::type_complexity,
+        reason = "one list and one tally a node, used once"
+    )]
     fn tile_values<V: Stored>(
         &self,
         nodes: &[NodeAt],
@@ -292,7 +313,10 @@ impl<I> Decoder<'_, I> {
         Ok(all)
     }
 
-    #[expect(clippy::type_complexity, reason = "one list and one tally a node, used once")]
+    #[expect(
+        clippy::type_complexity,
+        reason = "one list and one tally a node, used once"
+    )]
     fn tile_share<V: Stored>(
         &self,
         nodes: &[NodeAt],
@@ -303,7 +327,11 @@ impl<I> Decoder<'_, I> {
         I: Ingest<V>,
     {
         let read = |n: &NodeAt| {
-            Node::read(&mut Cursor::new(self.bytes, n.at), self.encoding, level.mask_len())
+            Node::read(
+                &mut Cursor::new(self.bytes, n.at),
+                self.encoding,
+                level.mask_len(),
+            )
         };
         let parsed = nodes.iter().map(read).collect::<Result<Vec<_>, _>>()?;
         let records: Vec<_> = parsed.iter().map(|n| n.record.clone()).collect();
@@ -319,23 +347,36 @@ impl<I> Decoder<'_, I> {
             level.take_tiles(read_stream::<V>(stream)?, nodes.len(), convert)?
         };
         let mut shown = [self.ingest.convert(background)];
-        self.ingest.inspect(None, &mut shown, &mut I::Tally::default());
+        self.ingest
+            .inspect(None, &mut shown, &mut I::Tally::default());
         let unstored = shown[0].bits();
-        let tiles = nodes.iter().zip(parsed).zip(decoded).map(|((at, node), mut values)| {
-            self.fill_inactive(&node.record, background, &mut values);
-            let mut tally = I::Tally::default();
-            let mut tiles = Vec::new();
-            for slot in slots_without_child(node.child_mask) {
-                let active = node.record.value_mask[slot / 8] >> (slot % 8) & 1 == 1;
-                let mut value = [values[slot]];
-                self.ingest.inspect(Some(at.origin + level.slot_origin(slot)), &mut value, &mut tally);
-                let [value] = value;
-                if active || value.bits() != unstored {
-                    tiles.push(TileValue { slot, value, active });
+        let tiles = nodes
+            .iter()
+            .zip(parsed)
+            .zip(decoded)
+            .map(|((at, node), mut values)| {
+                self.fill_inactive(&node.record, background, &mut values);
+                let mut tally = I::Tally::default();
+                let mut tiles = Vec::new();
+                for slot in slots_without_child(node.child_mask) {
+                    let active = node.record.value_mask[slot / 8] >> (slot % 8) & 1 == 1;
+                    let mut value = [values[slot]];
+                    self.ingest.inspect(
+                        Some(at.origin + level.slot_origin(slot)),
+                        &mut value,
+                        &mut tally,
+                    );
+                    let [value] = value;
+                    if active || value.bits() != unstored {
+                        tiles.push(TileValue {
+                            slot,
+                            value,
+                            active,
+                        });
+                    }
                 }
-            }
-            (tiles, tally)
-        });
+                (tiles, tally)
+            });
         Ok(tiles.collect())
     }
 }
@@ -364,7 +405,12 @@ impl Level {
     }
 
     fn nodes_a_share(self) -> usize {
-        const { assert!(LOWERS_A_SHARE <= MAX_LOWERS, "slots of a made-up upper node") };
+        const {
+            assert!(
+                LOWERS_A_SHARE <= MAX_LOWERS,
+                "slots of a made-up upper node"
+            )
+        };
         match self {
             Self::Upper => UPPERS_A_SHARE,
             Self::Lower => LOWERS_A_SHARE,
@@ -386,9 +432,18 @@ impl Level {
         convert: impl Fn(R) -> O,
     ) -> Result<Vec<Vec<O>>, DecodeError> {
         let data: Vec<_> = match self {
-            Self::Upper => decoded.tree.root_nodes.into_iter().map(|n| n.data).collect(),
+            Self::Upper => decoded
+                .tree
+                .root_nodes
+                .into_iter()
+                .map(|n| n.data)
+                .collect(),
             Self::Lower => {
-                let parent = decoded.tree.root_nodes.first_mut().ok_or_else(|| missing("node"))?;
+                let parent = decoded
+                    .tree
+                    .root_nodes
+                    .first_mut()
+                    .ok_or_else(|| missing("node"))?;
                 let taken = (0_u32..).take(count).map(|slot| parent.nodes.remove(&slot));
                 taken.flatten().map(|n| n.data).collect()
             }
@@ -397,7 +452,10 @@ impl Level {
         if data.len() != count || data.iter().any(|d| d.len() != len) {
             return Err(missing("node"));
         }
-        Ok(data.into_iter().map(|d| d.into_iter().map(&convert).collect()).collect())
+        Ok(data
+            .into_iter()
+            .map(|d| d.into_iter().map(&convert).collect())
+            .collect())
     }
 }
 

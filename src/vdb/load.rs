@@ -297,7 +297,10 @@ impl<V: Scalar> Ingest<V> for Density {
 
     fn inspect(&self, origin: Option<IVec3>, values: &mut [f32], tally: &mut DensityTally) {
         // One pass without branches for the bricks that are as they should be.
-        if values.iter().fold(true, |fine, v| fine & (0.0..f32::INFINITY).contains(v)) {
+        if values
+            .iter()
+            .fold(true, |fine, v| fine & (0.0..f32::INFINITY).contains(v))
+        {
             return;
         }
         for (i, value) in values.iter_mut().enumerate() {

@@ -33,9 +33,11 @@ pub(super) fn estimate(topology: &Topology, value_size: usize) -> u64 {
     } else {
         SHARE * rayon::current_num_threads() as u64
     };
-    parts.iter().fold(tiles.saturating_add(shares), |sum, &(n, bytes)| {
-        sum.saturating_add((n as u64).saturating_mul(bytes))
-    })
+    parts
+        .iter()
+        .fold(tiles.saturating_add(shares), |sum, &(n, bytes)| {
+            sum.saturating_add((n as u64).saturating_mul(bytes))
+        })
 }
 
 /// Returns what is too numerous for the tree's 31-bit indices, if anything is.
@@ -44,5 +46,6 @@ pub(super) fn too_many_nodes(topology: &Topology) -> Option<String> {
     let nodes = (topology.uppers.len() + topology.lowers.len()) as u64;
     let tiles = topology.stored_tile_count + 2 * nodes;
     let most = tiles.max(topology.leaves.len() as u64);
-    (most >= 1 << 31).then(|| format!("the grid has {most} bricks or tiles, expected less than 2^31"))
+    (most >= 1 << 31)
+        .then(|| format!("the grid has {most} bricks or tiles, expected less than 2^31"))
 }

@@ -171,7 +171,10 @@ impl<'a> Record<'a> {
             let what = format!("a node's value kind is {kind}, expected 0 to 6");
             return Err(Damage::new(start, what));
         }
-        let mut value = || c.take(encoding.value.size(), "an inactive value").map(Inactive::Value);
+        let mut value = || {
+            c.take(encoding.value.size(), "an inactive value")
+                .map(Inactive::Value)
+        };
         let inactive = match kind {
             0 => [Inactive::Background; 2],
             2 => [value()?; 2],
@@ -246,8 +249,10 @@ fn check_blosc_frame(at: usize, frame: &[u8], bytes: usize) -> Result<(), Damage
     let mut c = Cursor::new(frame, 0);
     let header = c.pod::<[u8; 4]>("a blosc header");
     let header = header.and_then(|head| Ok((head, c.pod::<[u32; 3]>("a blosc header")?)));
-    let ([_, _, _, type_size], sizes) =
-        header.map_err(|d| Damage { offset: at as u64, ..d })?;
+    let ([_, _, _, type_size], sizes) = header.map_err(|d| Damage {
+        offset: at as u64,
+        ..d
+    })?;
     let [nbytes, block_size, cbytes] = sizes.map(|n| n as usize);
     // A frame of no values has a block size of 0 and is never decoded.
     let block_fits = bytes == 0 || (1..=bytes).contains(&block_size);

@@ -85,10 +85,7 @@ impl<'a> Node<'a> {
 }
 
 /// Reads the leaf at the cursor.
-pub(super) fn read_leaf<'a>(
-    c: &mut Cursor<'a>,
-    encoding: &Encoding,
-) -> Result<Record<'a>, Damage> {
+pub(super) fn read_leaf<'a>(c: &mut Cursor<'a>, encoding: &Encoding) -> Result<Record<'a>, Damage> {
     let value_mask = c.take(LEAF_MASK, "a leaf's value mask")?;
     Record::read(c, encoding, value_mask)
 }
@@ -195,7 +192,10 @@ impl Topology {
         cell_log2: u32,
     ) -> Result<(), Damage> {
         let value_mask = node.record.value_mask;
-        if words(node.child_mask).zip(words(value_mask)).any(|(a, b)| a & b != 0) {
+        if words(node.child_mask)
+            .zip(words(value_mask))
+            .any(|(a, b)| a & b != 0)
+        {
             let what = "a node's cell is both a child and an active tile";
             return Err(Damage::new(at, what));
         }

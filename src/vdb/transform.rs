@@ -75,11 +75,9 @@ mod tests {
             [0.0, -0.1, 0.0, 0.0],
             [1.0, 2.0, 3.0, 1.0_f64],
         ];
-        let Map::Affine(a) = read(
-            &mut Cursor::new(bytemuck::cast_slice(&m), 0),
-            b"AffineMap",
-        )
-        .unwrap() else {
+        let Map::Affine(a) =
+            read(&mut Cursor::new(bytemuck::cast_slice(&m), 0), b"AffineMap").unwrap()
+        else {
             panic!("an affine map")
         };
         let p = a.transform_point3(DVec3::new(10.0, 20.0, 30.0));
