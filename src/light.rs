@@ -105,6 +105,16 @@ pub struct Lights {
 }
 
 impl Lights {
+    /// Returns a radiance that is typical of what the lights make of a white medium: the sky's
+    /// and the suns' light spread over the sphere. For scales of importance, not for images.
+    pub fn typical_radiance(&self) -> f32 {
+        let suns = self
+            .distant
+            .iter()
+            .map(|sun| sun.irradiance.max_channel() / (4.0 * std::f32::consts::PI));
+        self.environment.max_channel() + suns.sum::<f32>()
+    }
+
     /// Returns all that a camera sees looking past the scene: sky and suns' disks.
     pub fn radiance(&self, direction: DVec3) -> Rgb {
         self.distant

@@ -10,7 +10,7 @@ use std::time::Instant;
 use glam::DVec2;
 use rayon::prelude::*;
 
-use crate::film::{Film, Pixel};
+use crate::film::{Film, Pixel, Sample};
 use crate::integrator::Context;
 use crate::sampling::{Stream, StreamKey};
 use crate::scene::Scene;
@@ -53,7 +53,6 @@ pub struct Rendered {
 pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Rendered {
     let start = Instant::now();
     let context = Context {
-        camera: &scene.camera,
         medium: scene.medium.as_ref(),
         lights: &scene.lights,
         settings: scene.transport,
@@ -137,9 +136,15 @@ fn render_tile(
             let jitter = DVec2::new(f64::from(stream.uniform()), f64::from(stream.uniform()));
             let size = DVec2::new(f64::from(scene.width), f64::from(scene.height));
             let film = (DVec2::new(f64::from(x), f64::from(y)) + jitter) / size;
-            let sample = context.sample_radiance(scene.camera.ray(film), &mut stream, &mut counts);
-            if sample.radiance.is_finite() {
-                pixel.add(&sample);
+            let ray = scene.camera.ray(film);
+            let path = context.sample_radiance(ray, &mut stream, &mut counts);
+            if path.radiance.is_finite() {
+                let depth = |t| scene.camera.depth(ray.at(t));
+                let first_depth = path.first_collision.map(depth);
+                pixel.add(&Sample {
+                    radiance: path.radiance,
+                    first_depth,
+                });
             } else {
                 counts.non_finite_samples += 1;
             }

@@ -188,13 +188,11 @@ fn single_scattering_in_a_slab_is_the_closed_form() {
         distant: vec![sun],
         environment: Rgb::BLACK,
     };
-    let camera = Camera::look_at(DVec3::ZERO, DVec3::X, DVec3::Z, 1.0, 1.0).expect("a view");
     let settings = TransportSettings {
         integrator: IntegratorKind::Path,
         max_bounces: Some(1),
     };
     let context = Context {
-        camera: &camera,
         medium: Some(&medium),
         lights: &lights,
         settings,

@@ -13,7 +13,7 @@
 //! # The halo
 //! Empty space right below a brick reads that brick's first layer. Where it belongs to a
 //! large tile, the tile's bound would rise to the brick's and 128³ or 4096³ voxels of empty
-//! space would be walked as if they were full. [`add_halo`] therefore splits the large tile
+//! space would be walked as if they were full. `add_halo` therefore splits the large tile
 //! below into a node, so that only the 8³ cells that touch the brick carry its bound.
 
 use std::collections::BTreeSet;

@@ -8,8 +8,7 @@
 //! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
 //! 50,000, and parallel light by none, which the scene loader refuses.
 
-use super::Context;
-use crate::film::Sample;
+use super::{Context, PathSample};
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
@@ -25,41 +24,40 @@ pub(super) fn sample_radiance(
     mut ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Sample {
+) -> PathSample {
     let Context {
-        camera,
         medium,
         lights,
         settings,
     } = *context;
-    let mut first_depth = None;
+    let mut first_collision = None;
     let mut weight = Rgb::WHITE;
     let mut bounces = 0;
     loop {
         let hit = medium.and_then(|m| {
             let t = sample_collision(m.ray(&ray, f64::INFINITY), stream, counts)?;
-            Some((m, ray.at(t)))
+            Some((m, t))
         });
-        let Some((medium, p)) = hit else {
-            return Sample {
+        let Some((medium, t)) = hit else {
+            return PathSample {
                 radiance: weight * lights.radiance(ray.direction),
-                first_depth,
+                first_collision,
             };
         };
-        first_depth.get_or_insert_with(|| camera.depth(p));
+        first_collision.get_or_insert(t);
         let albedo = medium.albedo();
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {
-            return Sample {
+            return PathSample {
                 radiance: Rgb::BLACK,
-                first_depth,
+                first_collision,
             };
         }
         weight *= albedo * survival.recip();
         bounces += 1;
         counts.scattered_rays += 1;
         ray = Ray {
-            origin: p,
+            origin: ray.at(t),
             direction: medium.phase().sample(ray.direction, stream),
         };
     }

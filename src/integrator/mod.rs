@@ -10,12 +10,11 @@ mod path;
 
 use serde::{Deserialize, Serialize};
 
-use crate::camera::Camera;
-use crate::film::Sample;
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::sampling::Stream;
 use crate::space::Ray;
+use crate::spectrum::Rgb;
 use crate::stats::Counts;
 
 /// Which integrator renders.
@@ -44,8 +43,6 @@ pub struct TransportSettings {
 /// What a path meets: borrowed from the scene for one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Context<'a> {
-    /// For depths along its axis.
-    pub camera: &'a Camera,
     /// The medium, if there is one.
     pub medium: Option<&'a Medium>,
     /// The lights.
@@ -54,9 +51,23 @@ pub struct Context<'a> {
     pub settings: TransportSettings,
 }
 
+/// What one path brings home.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PathSample {
+    /// Radiance towards the camera.
+    pub radiance: Rgb,
+    /// World distance to the camera ray's collision; `None` if it left without one.
+    pub first_collision: Option<f64>,
+}
+
 impl Context<'_> {
     /// Returns an unbiased sample of the radiance that arrives along the camera ray `ray`.
-    pub fn sample_radiance(&self, ray: Ray, stream: &mut Stream, counts: &mut Counts) -> Sample {
+    pub fn sample_radiance(
+        &self,
+        ray: Ray,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> PathSample {
         counts.camera_rays += 1;
         match self.settings.integrator {
             IntegratorKind::Path => path::sample_radiance(self, ray, stream, counts),

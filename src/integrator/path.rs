@@ -14,8 +14,7 @@
 //! constant sky it has no equal here, and for suns little variance is left but that of the
 //! phase function.
 
-use super::Context;
-use crate::film::Sample;
+use super::{Context, PathSample};
 use crate::light::DistantLight;
 use crate::medium::Medium;
 use crate::sampling::Stream;
@@ -28,11 +27,13 @@ use glam::DVec3;
 /// Paths of less weight are raised to it or ended, by their ratio.
 const ROULETTE_WEIGHT: f32 = 0.03;
 
-/// Transmittances of shadow rays below are raised to it or dropped.
+/// Contributions of a sun below this fraction of the scene's typical radiance play roulette,
+/// most of them before a shadow ray is traced.
 ///
-/// On the comparison cloud, 0.1 cuts the lookups of shadow rays from 136 to 8.5 a camera sample
-/// for no visible rise of the image's error.
-const SHADOW_ROULETTE_WEIGHT: f32 = 0.1;
+/// Measured in one run each at 0, 0.01, 0.03, 0.1 and 0.3: the comparison cloud goes from 137
+/// lookups a camera sample to 29, 23, 17 and 14.5 with its error unchanged (each is within the
+/// noise of the measurement); the thin smoke keeps its error up to 0.03 and doubles it at 0.3.
+const LEAST_CONTRIBUTION: f32 = 0.05;
 
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
 pub(super) fn sample_radiance(
@@ -40,38 +41,39 @@ pub(super) fn sample_radiance(
     mut ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Sample {
+) -> PathSample {
     let Context {
-        camera,
         medium,
         lights,
         settings,
     } = *context;
+    let least = LEAST_CONTRIBUTION * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::WHITE;
-    let mut first_depth = None;
+    let mut first_collision = None;
     let mut bounces = 0;
     loop {
         let hit = medium.and_then(|m| {
             let t = sample_collision(m.ray(&ray, f64::INFINITY), stream, counts)?;
-            Some((m, ray.at(t)))
+            Some((m, t))
         });
-        let Some((medium, p)) = hit else {
+        let Some((medium, t)) = hit else {
             let sky = if bounces == 0 {
                 lights.radiance(ray.direction)
             } else {
                 lights.environment
             };
-            return Sample {
+            return PathSample {
                 radiance: radiance + throughput * sky,
-                first_depth,
+                first_collision,
             };
         };
-        first_depth.get_or_insert_with(|| camera.depth(p));
+        first_collision.get_or_insert(t);
+        let p = ray.at(t);
         if settings.max_bounces == Some(bounces) {
-            return Sample {
+            return PathSample {
                 radiance,
-                first_depth,
+                first_collision,
             };
         }
         throughput *= medium.albedo();
@@ -81,16 +83,21 @@ pub(super) fn sample_radiance(
         if weight < ROULETTE_WEIGHT {
             if stream.uniform() * ROULETTE_WEIGHT >= weight {
                 counts.roulette_kills += 1;
-                return Sample {
+                return PathSample {
                     radiance,
-                    first_depth,
+                    first_collision,
                 };
             }
             throughput *= ROULETTE_WEIGHT / weight;
         }
 
         for sun in &lights.distant {
-            radiance += throughput * direct_light(medium, sun, p, ray.direction, stream, counts);
+            let vertex = Vertex {
+                p,
+                direction: ray.direction,
+                throughput,
+            };
+            radiance += vertex.direct_light(medium, sun, least, stream, counts);
         }
         counts.scattered_rays += 1;
         ray = Ray {
@@ -100,26 +107,44 @@ pub(super) fn sample_radiance(
     }
 }
 
-/// Returns an unbiased estimate of a sun's light scattered at `p` against `direction`, the
-/// direction in which the path arrives, for an albedo of 1.
-fn direct_light(
-    medium: &Medium,
-    sun: &DistantLight,
+/// A scattering event.
+struct Vertex {
     p: DVec3,
+    /// In which the path arrives, coming from the camera.
     direction: DVec3,
-    stream: &mut Stream,
-    counts: &mut Counts,
-) -> Rgb {
-    let light = sun.sample(stream);
-    // The path runs from the camera, so light travels the other way on both legs; the cosine
-    // between the directions of propagation is the same.
-    let phase = medium.phase().eval(direction.dot(light.direction));
-    counts.shadow_rays += 1;
-    let ray = Ray {
-        origin: p,
-        direction: light.direction,
-    };
-    let ray = medium.ray(&ray, f64::INFINITY);
-    let transmittance = estimate_transmittance(ray, SHADOW_ROULETTE_WEIGHT, stream, counts);
-    light.weight * (phase * transmittance)
+    /// Albedo included.
+    throughput: Rgb,
+}
+
+impl Vertex {
+    /// Returns an unbiased estimate of a sun's light that scatters here towards the camera.
+    ///
+    /// Contributions below `least` are raised to it or dropped, most of them before a shadow
+    /// ray is traced.
+    fn direct_light(
+        &self,
+        medium: &Medium,
+        sun: &DistantLight,
+        least: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let light = sun.sample(stream);
+        // The path runs from the camera, so light travels the other way on both legs; the
+        // cosine between the directions of propagation is the same.
+        let phase = medium.phase().eval(self.direction.dot(light.direction));
+        let unoccluded = self.throughput * light.weight * phase;
+        let brightest = unoccluded.max_channel();
+        // Zero: the albedo or the light is, and nothing can arrive.
+        if brightest <= 0.0 {
+            return Rgb::BLACK;
+        }
+        let ray = Ray {
+            origin: self.p,
+            direction: light.direction,
+        };
+        let ray = medium.ray(&ray, f64::INFINITY);
+        counts.shadow_rays += 1;
+        unoccluded * estimate_transmittance(ray, least / brightest, stream, counts)
+    }
 }

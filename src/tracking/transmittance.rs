@@ -8,7 +8,8 @@
 //! and add no variance.
 //!
 //! Below a weight that the caller names, Russian roulette ends most walks: deep in a cloud the
-//! remaining light is not worth the lookups. The estimate stays unbiased; none exceeds 1.
+//! remaining light is not worth the lookups. The estimate stays unbiased; none exceeds 1 or
+//! that weight.
 
 use std::ops::ControlFlow;
 
@@ -20,6 +21,22 @@ use crate::stats::Counts;
 struct Ratio {
     weight: f32,
     roulette_weight: f32,
+}
+
+impl Ratio {
+    /// Plays roulette if the weight is low; sets it to zero and breaks if it is lost.
+    #[inline] // bench: frame
+    fn play_roulette(&mut self, stream: &mut Stream, counts: &mut Counts) -> ControlFlow<()> {
+        if self.weight < self.roulette_weight {
+            if stream.uniform() * self.roulette_weight >= self.weight {
+                self.weight = 0.0;
+                counts.roulette_kills += 1;
+                return ControlFlow::Break(());
+            }
+            self.weight = self.roulette_weight;
+        }
+        ControlFlow::Continue(())
+    }
 }
 
 impl Visitor for Ratio {
@@ -38,22 +55,15 @@ impl Visitor for Ratio {
     ) -> ControlFlow<()> {
         // The bound is not zero: segments of bound zero have no collisions.
         self.weight *= 1.0 - collision.sigma_t / collision.sigma_maj;
-        if self.weight < self.roulette_weight {
-            if stream.uniform() * self.roulette_weight >= self.weight {
-                self.weight = 0.0;
-                counts.roulette_kills += 1;
-                return ControlFlow::Break(());
-            }
-            self.weight = self.roulette_weight;
-        }
-        ControlFlow::Continue(())
+        self.play_roulette(stream, counts)
     }
 }
 
-/// Returns an unbiased estimate, in [0, 1], of the transmittance of the whole ray.
+/// Returns an unbiased estimate of the transmittance of the whole ray.
 ///
-/// Weights below `roulette_weight` are raised to it or dropped to zero, by their ratio; 0
-/// turns roulette off, 1 makes every estimate 0 or 1.
+/// Weights below `roulette_weight` are raised to it or dropped to zero, by their ratio: 0 turns
+/// roulette off; 1 makes every estimate 0 or 1; above 1 most rays end before they start, for a
+/// caller who knows how little a whole one would matter.
 #[inline] // bench: frame
 pub fn estimate_transmittance(
     mut ray: MediumRay<'_>,
@@ -65,6 +75,8 @@ pub fn estimate_transmittance(
         weight: 1.0,
         roulette_weight,
     };
-    walk(&mut ray, stream, counts, &mut visitor);
+    if visitor.play_roulette(stream, counts).is_continue() {
+        walk(&mut ray, stream, counts, &mut visitor);
+    }
     visitor.weight
 }
