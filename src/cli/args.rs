@@ -1,0 +1,257 @@
+//! What the command line accepts.
+
+use std::path::PathBuf;
+
+use clap::{ArgAction, Parser, Subcommand, ValueEnum};
+use glam::{DVec3, IVec3};
+use majorant::integrator::IntegratorKind;
+use majorant::scene::MAX_RESOLUTION;
+use majorant::scene::default_look::UpAxis;
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 failed, such as an output that cannot be written; 2 wrong usage;
+3 bad input: a scene or volume that is missing, damaged or says what cannot be.";
+
+const RENDER_EXAMPLES: &str = "\
+Examples:
+  majorant render cloud.vdb --preview-png
+  majorant render cloud.vdb --print-scene > cloud.toml
+  majorant render cloud.toml -r 1920x1080 --spp 256 -o out/cloud.exr
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
+
+const INFO_EXAMPLES: &str = "\
+Examples:
+  majorant info cloud.vdb
+  majorant info --quick --json frames/*.vdb
+
+Exit codes: 0 done, 2 wrong usage, 3 a file could not be read; the others are still listed.";
+
+const PROBE_EXAMPLES: &str = "\
+Examples:
+  majorant probe cloud.vdb --grid density --at 10,-4,7 --at 0,0,0
+  majorant probe cloud.vdb --grid density --world 0.1,0.2,0.3 --json
+
+Exit codes: 0 done, 2 wrong usage, 3 bad input.";
+
+/// Unbiased rendering of OpenVDB clouds, smoke and fire.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100, after_help = EXIT_CODES)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    pub(super) command: Command,
+    /// Print errors only
+    #[arg(short, long, global = true)]
+    pub(super) quiet: bool,
+    /// Print the plan and where time goes; twice: more
+    #[arg(short, long, global = true, action = ArgAction::Count)]
+    pub(super) verbose: u8,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum Command {
+    /// Render a scene file, or a bare .vdb with a default look, to OpenEXR
+    #[command(after_help = RENDER_EXAMPLES)]
+    Render(Box<RenderArgs>),
+    /// List the grids of volume files
+    #[command(after_help = INFO_EXAMPLES)]
+    Info(InfoArgs),
+    /// Read single values of a grid
+    #[command(after_help = PROBE_EXAMPLES)]
+    Probe(ProbeArgs),
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct RenderArgs {
+    /// Scene file, or .vdb volume
+    pub(super) input: PathBuf,
+    /// Image to write [default: the input's name with .exr, in the current folder]
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(super) output: Option<PathBuf>,
+    /// Columns and rows of the image
+    #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
+    pub(super) resolution: Option<[u32; 2]>,
+    /// Samples a pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) spp: Option<u32>,
+    /// Seed of the noise, 0 to 2^63 - 1
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MAX_SEED))]
+    pub(super) seed: Option<u64>,
+    /// Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]
+    #[arg(short = 'j', long, value_name = "N")]
+    pub(super) threads: Option<usize>,
+    /// path samples the lights; analog is the short reference
+    #[arg(long, value_enum)]
+    pub(super) integrator: Option<IntegratorArg>,
+    /// Density grid to render, by name
+    #[arg(long, value_name = "NAME")]
+    pub(super) grid: Option<String>,
+    /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
+    #[arg(long, value_enum)]
+    pub(super) up: Option<UpArg>,
+    /// Print the scene as a scene file, and do not render
+    #[arg(long)]
+    pub(super) print_scene: bool,
+    /// Also write an 8 bit sRGB picture [default FILE: the output's name with .png]
+    #[arg(long, value_name = "FILE", num_args = 0..=1, require_equals = true)]
+    #[expect(
+        clippy::option_option,
+        reason = "absent, without and with a value are three things"
+    )]
+    pub(super) preview_png: Option<Option<PathBuf>>,
+    /// Write times, counts and memory as JSON
+    #[arg(long, value_name = "FILE")]
+    pub(super) stats_json: Option<PathBuf>,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
+    /// Read NaN and infinite voxels as 0 instead of refusing the grid
+    #[arg(long)]
+    pub(super) sanitize: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct InfoArgs {
+    /// Volume files
+    #[arg(required = true, value_name = "FILE")]
+    pub(super) files: Vec<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Do not decode voxels: minimum, maximum and sum stay unknown
+    #[arg(long)]
+    pub(super) quick: bool,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ProbeArgs {
+    /// Volume file
+    pub(super) file: PathBuf,
+    /// Grid, by name
+    #[arg(long, value_name = "NAME")]
+    pub(super) grid: String,
+    /// Stored value at a voxel; may be repeated
+    #[arg(long, value_name = "I,J,K", allow_hyphen_values = true, value_parser = parse_index)]
+    pub(super) at: Vec<IVec3>,
+    /// Stored values at voxels read from a file, one `i j k` a line
+    #[arg(long, value_name = "FILE")]
+    pub(super) at_file: Option<PathBuf>,
+    /// Trilinearly filtered value at a point of world space; may be repeated
+    #[arg(long, value_name = "X,Y,Z", allow_hyphen_values = true, value_parser = parse_point)]
+    pub(super) world: Vec<DVec3>,
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
+}
+
+/// TOML's integers are signed; the command line takes no seed that a scene file cannot.
+const MAX_SEED: u64 = i64::MAX as u64;
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum IntegratorArg {
+    Path,
+    Analog,
+}
+
+impl From<IntegratorArg> for IntegratorKind {
+    fn from(arg: IntegratorArg) -> Self {
+        match arg {
+            IntegratorArg::Path => Self::Path,
+            IntegratorArg::Analog => Self::Analog,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(super) enum UpArg {
+    Y,
+    Z,
+}
+
+impl From<UpArg> for UpAxis {
+    fn from(arg: UpArg) -> Self {
+        match arg {
+            UpArg::Y => Self::Y,
+            UpArg::Z => Self::Z,
+        }
+    }
+}
+
+fn parse_resolution(s: &str) -> Result<[u32; 2], String> {
+    let expected = || format!("expected WIDTHxHEIGHT, each from 1 to {MAX_RESOLUTION}");
+    let (width, height) = s.split_once('x').ok_or_else(expected)?;
+    let edge = |s: &str| s.parse().ok().filter(|n| (1..=MAX_RESOLUTION).contains(n));
+    edge(width)
+        .zip(edge(height))
+        .map(|(w, h)| [w, h])
+        .ok_or_else(expected)
+}
+
+fn parse_three<T: std::str::FromStr>(s: &str, separator: char) -> Option<[T; 3]> {
+    let mut parts = s.split(separator).map(|p| p.trim().parse().ok());
+    let three = [parts.next()??, parts.next()??, parts.next()??];
+    parts.next().is_none().then_some(three)
+}
+
+fn parse_index(s: &str) -> Result<IVec3, String> {
+    parse_three(s, ',')
+        .map(IVec3::from_array)
+        .ok_or_else(|| "expected three integers of 32 bit, I,J,K".to_owned())
+}
+
+fn parse_point(s: &str) -> Result<DVec3, String> {
+    parse_three(s, ',')
+        .map(DVec3::from_array)
+        .filter(|p| p.is_finite())
+        .ok_or_else(|| "expected three finite numbers, X,Y,Z".to_owned())
+}
+
+/// Reads one `i j k` of a line of `--at-file`.
+pub(super) fn parse_index_line(line: &str) -> Option<IVec3> {
+    let words = line.split_whitespace().collect::<Vec<_>>().join(",");
+    parse_three(&words, ',').map(IVec3::from_array)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory as _;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Args::command().debug_assert();
+    }
+
+    #[test]
+    fn help_of_each_command_fits_a_screen() {
+        for command in Args::command().get_subcommands_mut() {
+            let help = command.render_long_help().to_string();
+            let lines = help.lines().count();
+            assert!(lines <= 50, "{}: {lines} lines", command.get_name());
+        }
+    }
+
+    #[test]
+    fn resolutions() {
+        assert_eq!(parse_resolution("480x270"), Ok([480, 270]));
+        for bad in ["480", "0x1", "1x65537", "-1x5", "4 x 5", "4x5x6", ""] {
+            assert!(parse_resolution(bad).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn voxels_and_points() {
+        assert_eq!(parse_index("-1,2,3"), Ok(IVec3::new(-1, 2, 3)));
+        assert_eq!(parse_index_line(" -1\t2  3 "), Some(IVec3::new(-1, 2, 3)));
+        assert_eq!(parse_index_line("1 2"), None);
+        assert!(parse_index("1,2,3000000000").is_err(), "beyond 32 bit");
+        assert!(parse_index("1,2,3,4").is_err(), "four");
+        assert!(parse_point("1,2,nan").is_err(), "not a number");
+    }
+}

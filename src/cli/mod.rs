@@ -1,0 +1,81 @@
+//! The command line: one file a subcommand, and the only place that prints.
+//!
+//! Results go to stdout (`info`, `probe`, `--print-scene`), everything else to stderr.
+
+mod args;
+mod info;
+mod json;
+mod memory;
+mod probe;
+mod progress;
+mod render;
+mod report;
+mod stats;
+
+use std::process::ExitCode;
+
+use clap::Parser as _;
+
+use args::{Args, Command};
+
+/// Why a command ended early.
+#[derive(Debug)]
+enum Failure {
+    /// The arguments contradict each other.
+    Usage(String),
+    /// The scene cannot be rendered.
+    Scene(majorant::scene::SceneError),
+    /// A volume file cannot be read.
+    Vdb(majorant::vdb::VdbError),
+    /// Another input cannot be read.
+    BadInput(String),
+    /// Some inputs could not be read, which has been said.
+    Reported,
+    /// Something else went wrong, mostly while writing.
+    Failed(Box<dyn std::error::Error>),
+}
+
+impl Failure {
+    fn failed(error: impl Into<Box<dyn std::error::Error>>) -> Self {
+        Self::Failed(error.into())
+    }
+
+    /// The exit codes of `args::EXIT_CODES`.
+    fn exit_code(&self) -> u8 {
+        match self {
+            Self::Failed(_) => 1,
+            Self::Usage(_) => 2,
+            Self::Scene(_) | Self::Vdb(_) | Self::BadInput(_) | Self::Reported => 3,
+        }
+    }
+}
+
+impl From<majorant::scene::SceneError> for Failure {
+    fn from(error: majorant::scene::SceneError) -> Self {
+        Self::Scene(error)
+    }
+}
+
+impl From<majorant::vdb::VdbError> for Failure {
+    fn from(error: majorant::vdb::VdbError) -> Self {
+        Self::Vdb(error)
+    }
+}
+
+/// Runs the program.
+pub(crate) fn run() -> ExitCode {
+    let args = Args::parse();
+    report::start(args.quiet, args.verbose);
+    let result = match &args.command {
+        Command::Render(a) => render::run(a),
+        Command::Info(a) => info::run(a),
+        Command::Probe(a) => probe::run(a),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            report::failure(&failure);
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}

@@ -1,0 +1,64 @@
+//! How far a render is: a bar on a terminal, a line every tenth elsewhere.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Instant;
+
+use indicatif::ProgressStyle;
+use majorant::render::Progress;
+use tracing::Span;
+use tracing_indicatif::span_ext::IndicatifSpanExt as _;
+
+use super::report;
+
+/// Shows progress until dropped; silent under `-q`, whose log level drops both forms.
+pub(super) enum RenderProgress {
+    Bar(Span),
+    Lines {
+        start: Instant,
+        shown_tenths: AtomicU64,
+    },
+}
+
+impl RenderProgress {
+    /// Starts showing a render of `total` samples.
+    pub(super) fn start(total: u64) -> Self {
+        if !report::is_terminal() {
+            return Self::Lines {
+                start: Instant::now(),
+                shown_tenths: AtomicU64::new(0),
+            };
+        }
+        let template = "rendering {wide_bar} {percent:>3} %  {human_pos} of {human_len} samples  \
+                        {elapsed} / {eta} left";
+        let style = ProgressStyle::with_template(template).expect("the template is constant");
+        let span = tracing::info_span!("render");
+        span.pb_set_style(&style);
+        span.pb_set_length(total);
+        span.pb_start();
+        Self::Bar(span)
+    }
+}
+
+impl Progress for RenderProgress {
+    fn advance(&self, done: u64, total: u64) {
+        match self {
+            Self::Bar(span) => span.pb_set_position(done),
+            Self::Lines {
+                start,
+                shown_tenths,
+            } => {
+                let tenths = done.saturating_mul(10) / total.max(1);
+                // Of several threads that reach a tenth at once, one prints it. The last
+                // tenth is left to the summary.
+                if tenths < 10 && shown_tenths.fetch_max(tenths, Ordering::Relaxed) < tenths {
+                    let elapsed = start.elapsed().as_secs_f64();
+                    let left = elapsed * (total - done) as f64 / done.max(1) as f64;
+                    tracing::info!(
+                        "{} % in {elapsed:.1} s, about {left:.1} s left",
+                        tenths * 10
+                    );
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,312 @@
+//! `majorant render`: a scene file or a bare volume to an image.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use majorant::film::Film;
+use majorant::output::{self, Provenance};
+use majorant::render::{Rendered, render};
+use majorant::scene::default_look::{self, Wishes};
+use majorant::scene::desc::unplaced;
+use majorant::scene::{LoadOptions, LoadStage, LoadedVolume, Scene, SceneFile};
+use majorant::vdb::Archive;
+
+use super::args::RenderArgs;
+use super::progress::RenderProgress;
+use super::stats::{Clock, Lap, Stats};
+use super::{Failure, memory, report};
+
+pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let begin = Clock::start();
+    let output = output_path(args)?;
+    start_threads(args.threads)?;
+    let max_memory_bytes = memory::limit(args.max_memory);
+    let options = LoadOptions {
+        max_memory_bytes,
+        sanitize: args.sanitize,
+    };
+    let mut stages = Stages::default();
+    let (file, volume) = if is_volume(&args.input) {
+        let (file, volume) = default_scene(args, &options, &mut stages)?;
+        (file, Some(volume))
+    } else if args.up.is_some() {
+        return Err(Failure::Usage(
+            "--up is for bare .vdb files: set up in [camera]".to_owned(),
+        ));
+    } else {
+        (SceneFile::read(&args.input)?, None)
+    };
+    let file = overridden(file, args);
+    let checked = file.check(max_memory_bytes)?;
+    if args.print_scene {
+        return report::print(&scene_text(&file, args));
+    }
+    let hash = file.hash(checked.volume_path());
+    let volume = match volume {
+        Some(volume) => volume,
+        None => checked.load_volume(&options, &mut |stage| stages.enter(stage))?,
+    };
+    let scene = checked.into_scene(&volume);
+    stages.end();
+    let mut stats = Stats::new(&args.input, &output, &scene, &volume);
+    stages.write_to(&mut stats, begin);
+    report_plan(&stats);
+    let film = render_timed(&scene, begin, &mut stats)?;
+    write(args, &output, &scene, hash, &film, &mut stats)
+}
+
+fn output_path(args: &RenderArgs) -> Result<PathBuf, Failure> {
+    let path = match &args.output {
+        Some(path) => path.clone(),
+        None => {
+            // Not `with_extension`, which would take `cloud.0012` for a name in .0012.
+            let mut name = args.input.file_stem().unwrap_or_default().to_owned();
+            name.push(".exr");
+            PathBuf::from(name)
+        }
+    };
+    if path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
+    {
+        return Ok(path);
+    }
+    let shown = path.display();
+    Err(Failure::Usage(format!(
+        "--output {shown}: images are OpenEXR, expected a name in .exr"
+    )))
+}
+
+fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
+    // Slurm confines a task by this number where it does not by affinity.
+    let slurm = || std::env::var("SLURM_CPUS_PER_TASK").ok()?.parse().ok();
+    let count = asked.or_else(slurm).unwrap_or(0);
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(count)
+        .build_global()
+        .map_err(Failure::failed)
+}
+
+fn is_volume(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
+}
+
+fn default_scene(
+    args: &RenderArgs,
+    options: &LoadOptions,
+    stages: &mut Stages,
+) -> Result<(SceneFile, LoadedVolume), Failure> {
+    stages.enter(LoadStage::Read);
+    let archive = Archive::open(&args.input)?;
+    let (index, why) = default_look::choose_grid(&archive, args.grid.as_deref())?;
+    let info = &archive.grids()[index];
+    tracing::info!("rendering grid {:?}: {why}", info.address);
+    let volume = LoadedVolume::decode(&archive, index, options, &mut |s| stages.enter(s))?;
+    let wishes = Wishes {
+        resolution: args.resolution,
+        up: args.up.map(Into::into),
+    };
+    let file = default_look::describe(&volume, info, &why, wishes)?;
+    Ok((file, volume))
+}
+
+/// Puts what the command line says over what the file says.
+fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
+    let desc = &mut file.desc;
+    if let Some(resolution) = args.resolution {
+        desc.image.resolution = unplaced(resolution);
+    }
+    if let Some(spp) = args.spp {
+        desc.render.spp = unplaced(spp);
+    }
+    if let Some(seed) = args.seed {
+        desc.render.seed = unplaced(seed);
+    }
+    if let Some(integrator) = args.integrator {
+        desc.render.integrator = unplaced(integrator.into());
+    }
+    if let Some(grid) = &args.grid {
+        for volume in &mut desc.volume {
+            volume.get_mut().density.grid = unplaced(grid.clone());
+        }
+    }
+    file
+}
+
+/// The chosen scene with the reasons of its choice, or a clean copy of a scene file.
+fn scene_text(file: &SceneFile, args: &RenderArgs) -> String {
+    let comments = file.text().lines().map_while(|l| l.strip_prefix("# "));
+    let header = if is_volume(&args.input) {
+        comments.collect::<Vec<_>>().join("\n")
+    } else {
+        format!("{}, as the command line changes it.", args.input.display())
+    };
+    file.to_toml(&header)
+}
+
+/// Times the stages of loading.
+#[derive(Debug, Default)]
+struct Stages {
+    running: Option<(LoadStage, Clock)>,
+    read: Lap,
+    decode: Lap,
+    build: Lap,
+}
+
+impl Stages {
+    fn enter(&mut self, stage: LoadStage) {
+        self.end();
+        self.running = Some((stage, Clock::start()));
+    }
+
+    fn end(&mut self) {
+        if let Some((stage, mut clock)) = self.running.take() {
+            let lap = clock.lap();
+            match stage {
+                LoadStage::Read => self.read = lap,
+                LoadStage::Decode => self.decode = lap,
+                LoadStage::Build => self.build = lap,
+            }
+        }
+    }
+
+    /// Everything since the program's start that was not building counts as loading.
+    fn write_to(&self, stats: &mut Stats, mut since_start: Clock) {
+        let total = since_start.lap();
+        stats.seconds.read = Some(self.read.wall);
+        stats.seconds.decode = Some(self.decode.wall);
+        stats.seconds.build = Some(self.build.wall);
+        stats.seconds.load = Some(total.wall - self.build.wall);
+        stats.cpu_seconds.build = self.build.cpu;
+        stats.cpu_seconds.load = total
+            .cpu
+            .zip(self.build.cpu)
+            .map(|(all, build)| all - build);
+    }
+}
+
+fn report_plan(stats: &Stats) {
+    let grid = &stats.grid;
+    let mb = grid.bytes as f64 / 1e6;
+    tracing::debug!(
+        "{} bricks, {mb:.1} MB in memory, {} threads",
+        grid.bricks,
+        stats.threads
+    );
+    for line in &stats.plan {
+        tracing::debug!("{line}");
+    }
+}
+
+fn render_timed(scene: &Scene, mut begin: Clock, stats: &mut Stats) -> Result<Film, Failure> {
+    let before = begin.lap();
+    let mut clock = Clock::start();
+    let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
+    let progress = RenderProgress::start(total);
+    let rendered = render(scene, &progress, &AtomicBool::new(false));
+    drop(progress);
+    let lap = clock.lap();
+    let Rendered {
+        film,
+        counts,
+        first_tile_secs,
+        complete,
+    } = rendered;
+    if !complete {
+        return Err(Failure::failed("the render was cancelled"));
+    }
+    stats.seconds.first_sample = Some(before.wall + first_tile_secs);
+    stats.seconds.render = Some(lap.wall);
+    stats.cpu_seconds.render = lap.cpu;
+    stats.counts.rays = counts;
+    stats.counts.half_clamped_pixels = output::half_overflow_count(&film);
+    (stats.image_mean, stats.image_standard_error) = film.mean();
+    stats.peak_memory_bytes = memory::peak_bytes();
+    warn_of_trouble(stats);
+    Ok(film)
+}
+
+fn warn_of_trouble(stats: &Stats) {
+    let counts = &stats.counts;
+    let warnings = [
+        (
+            counts.rays.bound_violations,
+            "values above their bound: THE IMAGE IS BIASED, a bug",
+        ),
+        (
+            counts.rays.non_finite_samples,
+            "samples were not finite and left out: a bug",
+        ),
+        (counts.clamped_voxels, "negative voxels or tiles read as 0"),
+        (
+            counts.sanitized_voxels,
+            "voxels or tiles not finite, read as 0",
+        ),
+        (
+            counts.half_clamped_pixels,
+            "pixels brighter than 65504, clamped in the EXR",
+        ),
+    ];
+    for (count, what) in warnings {
+        if count > 0 {
+            tracing::warn!("{count} {what}");
+        }
+    }
+}
+
+fn write(
+    args: &RenderArgs,
+    output: &Path,
+    scene: &Scene,
+    scene_hash: u64,
+    film: &Film,
+    stats: &mut Stats,
+) -> Result<(), Failure> {
+    let mut clock = Clock::start();
+    let command_line: Vec<_> = std::env::args_os().collect();
+    let words = command_line.iter().map(|w| w.to_string_lossy());
+    let provenance = Provenance {
+        camera_from_world: scene.camera.camera_from_world(),
+        half_size: scene.camera.half_size(),
+        spp: scene.spp,
+        seed: scene.seed,
+        frame: scene.frame,
+        scene_hash,
+        command_line: words.collect::<Vec<_>>().join(" "),
+        render_secs: stats.seconds.render.unwrap_or(0.0),
+        peak_memory_bytes: stats.peak_memory_bytes,
+        stats_json: serde_json::to_string(stats).map_err(Failure::failed)?,
+    };
+    output::write_exr(output, film, &provenance).map_err(Failure::failed)?;
+    if let Some(preview) = &args.preview_png {
+        let path = preview
+            .clone()
+            .unwrap_or_else(|| output.with_extension("png"));
+        output::write_png(&path, film).map_err(Failure::failed)?;
+    }
+    let lap = clock.lap();
+    stats.seconds.write = Some(lap.wall);
+    stats.cpu_seconds.write = lap.cpu;
+    if let Some(path) = &args.stats_json {
+        let json = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
+        output::write_text(path, &format!("{json}\n")).map_err(Failure::failed)?;
+    }
+    summarise(output, stats);
+    Ok(())
+}
+
+fn summarise(output: &Path, stats: &Stats) {
+    let samples = stats.counts.rays.camera_rays as f64;
+    let wall = stats.seconds.render.unwrap_or(0.0);
+    let cpu = stats
+        .cpu_seconds
+        .render
+        .map_or(String::new(), |cpu| format!(", {cpu:.2} CPU s"));
+    let rate = samples / wall.max(1e-9) / 1e6;
+    let before = stats.seconds.load.unwrap_or(0.0) + stats.seconds.build.unwrap_or(0.0);
+    tracing::info!(
+        "{}: loaded in {before:.2} s, rendered in {wall:.2} s{cpu}, {rate:.2} M samples/s",
+        output.display()
+    );
+}

@@ -1,0 +1,162 @@
+//! Where time and memory went, for `--stats-json` and the EXR's attribute.
+
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use cpu_time::ProcessTime;
+use majorant::plan::PlanLine;
+use majorant::scene::{LoadedVolume, Scene};
+use majorant::stats::Counts;
+use serde::Serialize;
+
+use super::memory;
+
+/// Wall-clock and processor time since a moment.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Clock {
+    wall: Instant,
+    /// `None` where the system has no such clock.
+    cpu: Option<ProcessTime>,
+}
+
+/// Wall-clock and processor seconds.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Lap {
+    pub(super) wall: f64,
+    pub(super) cpu: Option<f64>,
+}
+
+impl Clock {
+    pub(super) fn start() -> Self {
+        Self {
+            wall: Instant::now(),
+            cpu: ProcessTime::try_now().ok(),
+        }
+    }
+
+    /// Returns the time since the start or the last lap.
+    pub(super) fn lap(&mut self) -> Lap {
+        let now = Self::start();
+        let cpu = self.cpu.zip(now.cpu);
+        let lap = Lap {
+            wall: now.wall.duration_since(self.wall).as_secs_f64(),
+            cpu: cpu
+                .map(|(from, to)| to.duration_since(from))
+                .as_ref()
+                .map(Duration::as_secs_f64),
+        };
+        *self = now;
+        lap
+    }
+}
+
+/// Seconds by stage. `null` where not measured: no clock, or not over when written.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct Seconds {
+    /// Scene file, and the volume's `read` and `decode`.
+    pub(super) load: Option<f64>,
+    /// Walking and checking the volume file.
+    pub(super) read: Option<f64>,
+    /// Decompressing voxels.
+    pub(super) decode: Option<f64>,
+    /// Computing bounds.
+    pub(super) build: Option<f64>,
+    /// From the program's start until the first tile was complete.
+    pub(super) first_sample: Option<f64>,
+    /// All rays.
+    pub(super) render: Option<f64>,
+    /// Writing images.
+    pub(super) write: Option<f64>,
+}
+
+/// Processor seconds of all threads by stage.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub(super) struct CpuSeconds {
+    pub(super) load: Option<f64>,
+    pub(super) build: Option<f64>,
+    pub(super) render: Option<f64>,
+    pub(super) write: Option<f64>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct AllCounts {
+    #[serde(flatten)]
+    pub(super) rays: Counts,
+    /// Negative voxels and tiles read as 0.
+    pub(super) clamped_voxels: u64,
+    /// Voxels and tiles that were not finite, read as 0.
+    pub(super) sanitized_voxels: u64,
+    /// Pixels beyond the largest half.
+    pub(super) half_clamped_pixels: u64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct GridStats {
+    pub(super) file: String,
+    pub(super) name: String,
+    pub(super) active_voxels: Option<u64>,
+    pub(super) bricks: usize,
+    pub(super) bytes: usize,
+}
+
+impl GridStats {
+    pub(super) fn new(volume: &LoadedVolume) -> Self {
+        Self {
+            file: volume.path.display().to_string(),
+            name: volume.name.clone(),
+            active_voxels: volume.active_voxel_count,
+            bricks: volume.brick_count,
+            bytes: volume.grid.memory_bytes(),
+        }
+    }
+}
+
+/// Everything about one render.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct Stats {
+    pub(super) version: &'static str,
+    pub(super) input: String,
+    pub(super) output: String,
+    pub(super) resolution: [u32; 2],
+    pub(super) spp: u32,
+    pub(super) seed: u64,
+    pub(super) frame: i32,
+    pub(super) threads: usize,
+    pub(super) seconds: Seconds,
+    pub(super) cpu_seconds: CpuSeconds,
+    pub(super) peak_memory_bytes: Option<u64>,
+    pub(super) counts: AllCounts,
+    /// Mean of R, G and B over the image, and its standard error.
+    pub(super) image_mean: [f64; 3],
+    pub(super) image_standard_error: [f64; 3],
+    pub(super) grid: GridStats,
+    pub(super) plan: Vec<PlanLine>,
+}
+
+impl Stats {
+    pub(super) fn new(input: &Path, output: &Path, scene: &Scene, volume: &LoadedVolume) -> Self {
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            input: input.display().to_string(),
+            output: output.display().to_string(),
+            resolution: [scene.width, scene.height],
+            spp: scene.spp,
+            seed: scene.seed,
+            frame: scene.frame,
+            threads: rayon::current_num_threads(),
+            seconds: Seconds::default(),
+            cpu_seconds: CpuSeconds::default(),
+            peak_memory_bytes: memory::peak_bytes(),
+            counts: AllCounts {
+                rays: Counts::default(),
+                clamped_voxels: volume.report.clamped_negative_count,
+                sanitized_voxels: volume.report.sanitized_count,
+                half_clamped_pixels: 0,
+            },
+            image_mean: [0.0; 3],
+            image_standard_error: [0.0; 3],
+            grid: GridStats::new(volume),
+            plan: majorant::plan::plan(scene),
+        }
+    }
+}

@@ -1,0 +1,439 @@
+//! Checks every number of a scene description and turns it into what renders.
+//!
+//! Runs before any volume file is opened, so a mistake in the scene is reported at once. An
+//! infinite or absurdly large value is refused here: nothing later checks again.
+
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use glam::DVec3;
+use toml::Spanned;
+
+use super::desc::{LightDesc, LightKind, PhaseDesc, PhaseKind, SceneDesc, VolumeDesc};
+use super::error::{DescriptionError, SceneError, Source};
+use super::load::{LoadOptions, LoadStage, LoadedVolume};
+use super::{Scene, SceneFile};
+use crate::camera::Camera;
+use crate::film::Pixel;
+use crate::integrator::{IntegratorKind, TransportSettings};
+use crate::light::{DistantLight, Lights};
+use crate::medium::Medium;
+use crate::phase::Phase;
+use crate::spectrum::Rgb;
+use crate::vdb::{Archive, VdbError};
+
+/// Longest edge of an image in pixels.
+pub const MAX_RESOLUTION: u32 = 65_536;
+
+/// Bytes for a pixel of the film and of the image being written: the running statistics,
+/// four half and five float channels, and once more for the compressed blocks.
+const BYTES_PER_PIXEL: u64 = size_of::<Pixel>() as u64 + 2 * (4 * 2 + 5 * 4);
+
+/// A checked scene, its volume not yet loaded.
+#[derive(Clone, Debug)]
+pub struct Checked {
+    source: Source,
+    resolution: [u32; 2],
+    spp: u32,
+    seed: u64,
+    frame: i32,
+    camera: Camera,
+    volume: CheckedVolume,
+    lights: Lights,
+    transport: TransportSettings,
+}
+
+#[derive(Clone, Debug)]
+struct CheckedVolume {
+    file: Spanned<PathBuf>,
+    path: PathBuf,
+    grid: Spanned<String>,
+    sigma_t_per_density: f32,
+    albedo: Rgb,
+    phase: Phase,
+}
+
+impl SceneFile {
+    /// Checks all values against each other and against the memory that may be used.
+    ///
+    /// # Errors
+    /// At the first value that is out of range, not finite or contradicts another.
+    pub fn check(&self, max_memory_bytes: u64) -> Result<Checked, SceneError> {
+        let Self { source, desc } = self;
+        check_all(source, desc, max_memory_bytes).map_err(|e| SceneError::Description(Box::new(e)))
+    }
+}
+
+type Check<T> = Result<T, DescriptionError>;
+
+fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<Checked> {
+    let resolution = check_resolution(source, &desc.image.resolution, max_memory_bytes)?;
+    let spp = *desc.render.spp.get_ref();
+    if spp == 0 {
+        let span = desc.render.spp.span();
+        return Err(source.error(span, "spp is 0", "at least 1 sample a pixel"));
+    }
+    let seed = *desc.render.seed.get_ref();
+    let camera = check_camera(source, desc, resolution)?;
+    let volume = check_volume(source, one_volume(source, desc)?)?;
+    let lights = check_lights(source, desc)?;
+    Ok(Checked {
+        source: source.clone(),
+        resolution,
+        spp,
+        seed,
+        frame: desc.render.frame,
+        camera,
+        volume,
+        lights,
+        transport: TransportSettings {
+            integrator: *desc.render.integrator.get_ref(),
+            max_bounces: desc.render.max_bounces,
+        },
+    })
+}
+
+fn check_resolution(
+    source: &Source,
+    resolution: &Spanned<[u32; 2]>,
+    max_memory_bytes: u64,
+) -> Check<[u32; 2]> {
+    let [width, height] = *resolution.get_ref();
+    if [width, height]
+        .iter()
+        .any(|n| !(1..=MAX_RESOLUTION).contains(n))
+    {
+        let expected = format!("columns and rows from 1 to {MAX_RESOLUTION}");
+        let message = format!("resolution is [{width}, {height}]");
+        return Err(source.error(resolution.span(), message, expected));
+    }
+    let bytes = u64::from(width) * u64::from(height) * BYTES_PER_PIXEL;
+    if bytes > max_memory_bytes {
+        let message = format!("an image of {width} by {height} pixels takes {bytes} bytes");
+        let expected = format!("at most {max_memory_bytes} bytes of memory");
+        return Err(source.error(resolution.span(), message, expected));
+    }
+    Ok([width, height])
+}
+
+fn check_camera(source: &Source, desc: &SceneDesc, [width, height]: [u32; 2]) -> Check<Camera> {
+    let camera = &desc.camera;
+    let position = finite_vector(source, "position", &camera.position)?;
+    let look_at = finite_vector(source, "look_at", &camera.look_at)?;
+    let up = direction(source, "up", &camera.up)?;
+    let fov = number(source, "vertical_fov_degrees", &camera.vertical_fov_degrees)?;
+    if fov <= 0.0 || fov >= 180.0 {
+        let span = camera.vertical_fov_degrees.span();
+        let message = format!("vertical_fov_degrees is {fov}");
+        return Err(source.error(span, message, "an angle above 0 and below 180 degrees"));
+    }
+    if position == look_at {
+        let message = "look_at is the camera's position";
+        return Err(source.error(camera.look_at.span(), message, "another point"));
+    }
+    let aspect = f64::from(width) / f64::from(height);
+    Camera::look_at(position, look_at, up, fov.to_radians(), aspect).ok_or_else(|| {
+        // Every other reason has been excluded above.
+        let message = "up is parallel to the view direction";
+        source.error(
+            place(&camera.up, &camera.look_at),
+            message,
+            "a direction across the view",
+        )
+    })
+}
+
+/// Returns where `value` stands, or where `instead` does if `value` is a default.
+fn place<T, U>(value: &Spanned<T>, instead: &Spanned<U>) -> Range<usize> {
+    if value.span().is_empty() {
+        instead.span()
+    } else {
+        value.span()
+    }
+}
+
+fn one_volume<'a>(source: &Source, desc: &'a SceneDesc) -> Check<&'a VolumeDesc> {
+    match &desc.volume[..] {
+        [volume] => Ok(volume.get_ref()),
+        [] => Err(source.error(0..0, "the scene has no [[volume]]", "one volume")),
+        [_, second, ..] => {
+            let message = format!("the scene has {} volumes", desc.volume.len());
+            Err(source.error(second.span(), message, "one volume a scene, for now"))
+        }
+    }
+}
+
+fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
+    let VolumeDesc {
+        file,
+        density,
+        albedo,
+        phase,
+    } = volume;
+    let scale = number(source, "scale", &density.scale)?;
+    let sigma_t_per_density = non_negative_f32(scale).ok_or_else(|| {
+        let expected = "a number from 0 to 3e38, in 1 / world unit";
+        source.error(density.scale.span(), format!("scale is {scale}"), expected)
+    })?;
+    if albedo.get_ref().iter().any(|a| !(0.0..=1.0).contains(a)) {
+        let message = format!("albedo is {:?}", albedo.get_ref());
+        return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
+    }
+    Ok(CheckedVolume {
+        file: file.clone(),
+        path: source.folder().join(file.get_ref()),
+        grid: density.grid.clone(),
+        sigma_t_per_density,
+        albedo: colour(source, "albedo", albedo)?,
+        phase: check_phase(source, phase)?,
+    })
+}
+
+fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
+    let PhaseDesc { kind, g } = phase.get_ref();
+    match (kind, g) {
+        (PhaseKind::Isotropic, None) => Ok(Phase::Isotropic),
+        (PhaseKind::Isotropic, Some(g)) => {
+            let mut error = source.error(g.span(), "an isotropic phase function has no g", "no g");
+            error.help = Some("write type = \"henyey-greenstein\" to scatter by g".to_owned());
+            Err(error)
+        }
+        (PhaseKind::HenyeyGreenstein, None) => {
+            let message = "a henyey-greenstein phase function needs g";
+            Err(source.error(
+                phase.span(),
+                message,
+                "g = the mean cosine, say 0.85 for clouds",
+            ))
+        }
+        (PhaseKind::HenyeyGreenstein, Some(spanned)) => {
+            let g = number(source, "g", spanned)?;
+            #[expect(clippy::cast_possible_truncation, reason = "checked after rounding")]
+            let g = g as f32;
+            // Rounding to f32 may reach 1, where the density has no limit.
+            if g.abs() < 1.0 {
+                Ok(Phase::HenyeyGreenstein { g })
+            } else {
+                let message = format!("g is {}", spanned.get_ref());
+                Err(source.error(
+                    spanned.span(),
+                    message,
+                    "a mean cosine above -1 and below 1",
+                ))
+            }
+        }
+    }
+}
+
+fn check_lights(source: &Source, desc: &SceneDesc) -> Check<Lights> {
+    let mut lights = Lights::default();
+    for spanned in &desc.light {
+        let light = spanned.get_ref();
+        match light.kind {
+            LightKind::Distant => lights.distant.push(check_distant(source, desc, spanned)?),
+            LightKind::Constant => {
+                foreign_key(
+                    source,
+                    "constant",
+                    "direction_to_light",
+                    &light.direction_to_light,
+                )?;
+                foreign_key(source, "constant", "irradiance", &light.irradiance)?;
+                let diameter = &light.angular_diameter_degrees;
+                foreign_key(source, "constant", "angular_diameter_degrees", diameter)?;
+                let radiance = required(source, "constant", "radiance", &light.radiance, spanned)?;
+                lights.environment += colour(source, "radiance", radiance)?;
+            }
+        }
+    }
+    Ok(lights)
+}
+
+fn check_distant(
+    source: &Source,
+    desc: &SceneDesc,
+    spanned: &Spanned<LightDesc>,
+) -> Check<DistantLight> {
+    let LightDesc {
+        kind: _,
+        direction_to_light,
+        irradiance,
+        angular_diameter_degrees,
+        radiance,
+    } = spanned.get_ref();
+    foreign_key(source, "distant", "radiance", radiance)?;
+    let to_light = required(
+        source,
+        "distant",
+        "direction_to_light",
+        direction_to_light,
+        spanned,
+    )?;
+    let irradiance = required(source, "distant", "irradiance", irradiance, spanned)?;
+    let diameter = match angular_diameter_degrees {
+        Some(d) => number(source, "angular_diameter_degrees", d)?,
+        None => 0.0,
+    };
+    let at = angular_diameter_degrees
+        .as_ref()
+        .map_or(spanned.span(), Spanned::span);
+    if !(0.0..180.0).contains(&diameter) {
+        let message = format!("angular_diameter_degrees is {diameter}");
+        return Err(source.error(at, message, "an angle from 0 to below 180 degrees"));
+    }
+    if diameter == 0.0 && *desc.render.integrator.get_ref() == IntegratorKind::Analog {
+        let message = "the analog integrator cannot see a sun of zero diameter";
+        let mut error = source.error(at, message, "a diameter, say 0.53 degrees as on Earth");
+        error.help = Some("or render with integrator = \"path\"".to_owned());
+        return Err(error);
+    }
+    let unit = direction(source, "direction_to_light", to_light)?;
+    let irradiance = colour(source, "irradiance", irradiance)?;
+    DistantLight::new(unit, irradiance, diameter.to_radians()).ok_or_else(|| {
+        source.error(
+            to_light.span(),
+            "direction_to_light is no direction",
+            "a finite vector",
+        )
+    })
+}
+
+fn required<'a, T>(
+    source: &Source,
+    kind: &str,
+    key: &str,
+    value: &'a Option<Spanned<T>>,
+    light: &Spanned<LightDesc>,
+) -> Check<&'a Spanned<T>> {
+    value.as_ref().ok_or_else(|| {
+        let message = format!("a {kind} light needs {key}");
+        source.error(light.span(), message, format!("{key} = [x, y, z]"))
+    })
+}
+
+/// Refuses a key that lights of another type have.
+fn foreign_key<T>(source: &Source, kind: &str, key: &str, value: &Option<Spanned<T>>) -> Check<()> {
+    match value {
+        None => Ok(()),
+        Some(v) => {
+            let keys = match kind {
+                "constant" => "type and radiance only",
+                _ => "type, direction_to_light, irradiance, angular_diameter_degrees only",
+            };
+            Err(source.error(v.span(), format!("a {kind} light has no {key}"), keys))
+        }
+    }
+}
+
+fn number(source: &Source, key: &str, value: &Spanned<f64>) -> Check<f64> {
+    let x = *value.get_ref();
+    if x.is_finite() {
+        return Ok(x);
+    }
+    Err(source.error(value.span(), format!("{key} is {x}"), "a finite number"))
+}
+
+/// Largest coordinate: squares and products of three stay far from overflow.
+const MAX_COORDINATE: f64 = 1e30;
+
+fn finite_vector(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<DVec3> {
+    let v = DVec3::from_array(*value.get_ref());
+    if v.abs().cmple(DVec3::splat(MAX_COORDINATE)).all() {
+        return Ok(v);
+    }
+    let message = format!("{key} is {:?}", value.get_ref());
+    Err(source.error(
+        value.span(),
+        message,
+        "three numbers between -1e30 and 1e30",
+    ))
+}
+
+fn direction(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<DVec3> {
+    finite_vector(source, key, value)?
+        .try_normalize()
+        .ok_or_else(|| {
+            let message = format!("{key} is {:?}", value.get_ref());
+            source.error(value.span(), message, "a vector that is not zero")
+        })
+}
+
+fn colour(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<Rgb> {
+    let [r, g, b] = value.get_ref().map(non_negative_f32);
+    let (Some(r), Some(g), Some(b)) = (r, g, b) else {
+        let message = format!("{key} is {:?}", value.get_ref());
+        return Err(source.error(value.span(), message, "three numbers from 0 to 3e38"));
+    };
+    Ok(Rgb([r, g, b]))
+}
+
+/// Rounds to `f32`; `None` if negative, not a number or too large.
+fn non_negative_f32(x: f64) -> Option<f32> {
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+    let y = x as f32;
+    (x >= 0.0 && y.is_finite()).then_some(y)
+}
+
+impl Checked {
+    /// Returns the path of the volume file.
+    pub fn volume_path(&self) -> &Path {
+        &self.volume.path
+    }
+
+    /// Reads and decodes the volume; `on_stage` hears where the time goes.
+    ///
+    /// # Errors
+    /// If the file cannot be read, or has no such grid, or one that cannot be rendered.
+    pub fn load_volume(
+        &self,
+        options: &LoadOptions,
+        on_stage: &mut dyn FnMut(LoadStage),
+    ) -> Result<LoadedVolume, SceneError> {
+        let CheckedVolume {
+            file, path, grid, ..
+        } = &self.volume;
+        let at = |span: Range<usize>, source: VdbError| {
+            let place = DescriptionError {
+                expected: None,
+                ..self.source.error(span, source.to_string(), "")
+            };
+            SceneError::Volume {
+                at: Some(Box::new(place)),
+                source,
+            }
+        };
+        on_stage(LoadStage::Read);
+        let archive = Archive::open(path).map_err(|e| at(file.span(), e))?;
+        let index = archive
+            .find(grid.get_ref())
+            .map_err(|e| at(place(grid, file), e))?;
+        LoadedVolume::decode(&archive, index, options, on_stage).map_err(|e| match e {
+            SceneError::Volume { source, .. } => at(place(grid, file), source),
+            other => other,
+        })
+    }
+
+    /// Puts the loaded volume into the scene.
+    pub fn into_scene(self, volume: &LoadedVolume) -> Scene {
+        let CheckedVolume {
+            sigma_t_per_density,
+            albedo,
+            phase,
+            ..
+        } = self.volume;
+        let [width, height] = self.resolution;
+        let grid = Arc::clone(&volume.grid);
+        Scene {
+            width,
+            height,
+            spp: self.spp,
+            seed: self.seed,
+            frame: self.frame,
+            camera: self.camera,
+            medium: Some(Medium::new(grid, sigma_t_per_density, albedo, phase)),
+            lights: self.lights,
+            transport: self.transport,
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! The scene file as written: one struct a table, one field a key.
+//!
+//! This is the only place where defaults live. Values that a later check may refuse are
+//! [`Spanned`], so that the error can point at them; two descriptions are equal if their
+//! values are, wherever they stand in the file. Keys that only some `type` of light or phase
+//! function knows are optional here and checked against the type in `check`.
+//!
+//! Nothing here is validated beyond its TOML type. Angles are degrees and colours linear
+//! Rec. 709, as people write them; lengths are world units.
+
+use std::path::PathBuf;
+
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::integrator::IntegratorKind;
+
+/// Makes a value that stands nowhere in a file, as defaults do.
+pub fn unplaced<T>(value: T) -> Spanned<T> {
+    Spanned::new(0..0, value)
+}
+
+/// A whole scene file.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SceneDesc {
+    /// The image.
+    #[serde(default)]
+    pub image: ImageDesc,
+    /// The camera.
+    pub camera: CameraDesc,
+    /// The volumes: for now, exactly one.
+    #[serde(default)]
+    pub volume: Vec<Spanned<VolumeDesc>>,
+    /// The lights; none gives a black image.
+    #[serde(default)]
+    pub light: Vec<Spanned<LightDesc>>,
+    /// Sampling and light transport.
+    #[serde(default)]
+    pub render: RenderDesc,
+}
+
+/// `[image]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ImageDesc {
+    /// Columns and rows.
+    pub resolution: Spanned<[u32; 2]>,
+}
+
+impl Default for ImageDesc {
+    fn default() -> Self {
+        Self {
+            resolution: unplaced([960, 540]),
+        }
+    }
+}
+
+/// `[camera]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct CameraDesc {
+    /// Where the camera stands.
+    pub position: Spanned<[f64; 3]>,
+    /// The point in the centre of the image.
+    pub look_at: Spanned<[f64; 3]>,
+    /// The direction that is up in the image.
+    #[serde(default = "CameraDesc::default_up")]
+    pub up: Spanned<[f64; 3]>,
+    /// Angle that the image's height spans.
+    #[serde(default = "CameraDesc::default_vertical_fov_degrees")]
+    pub vertical_fov_degrees: Spanned<f64>,
+}
+
+impl CameraDesc {
+    fn default_up() -> Spanned<[f64; 3]> {
+        unplaced([0.0, 0.0, 1.0])
+    }
+
+    fn default_vertical_fov_degrees() -> Spanned<f64> {
+        unplaced(30.0)
+    }
+}
+
+/// `[[volume]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct VolumeDesc {
+    /// The `.vdb` file, relative to the scene file.
+    pub file: Spanned<PathBuf>,
+    /// Which grid is the density, and what a density of one means.
+    #[serde(default)]
+    pub density: DensityDesc,
+    /// Single-scattering albedo.
+    #[serde(default = "VolumeDesc::default_albedo")]
+    pub albedo: Spanned<[f64; 3]>,
+    /// Phase function.
+    #[serde(default = "VolumeDesc::default_phase")]
+    pub phase: Spanned<PhaseDesc>,
+}
+
+impl VolumeDesc {
+    pub(super) fn default_albedo() -> Spanned<[f64; 3]> {
+        unplaced([0.99, 0.99, 0.99])
+    }
+
+    fn default_phase() -> Spanned<PhaseDesc> {
+        unplaced(PhaseDesc::default())
+    }
+}
+
+/// `density = { … }` of a volume.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct DensityDesc {
+    /// Name of the grid.
+    pub grid: Spanned<String>,
+    /// Extinction of a density of one: `sigma_t = scale · density`, per world unit.
+    pub scale: Spanned<f64>,
+}
+
+impl Default for DensityDesc {
+    fn default() -> Self {
+        Self {
+            grid: unplaced("density".to_owned()),
+            scale: unplaced(1.0),
+        }
+    }
+}
+
+/// `phase = { … }` of a volume.
+#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct PhaseDesc {
+    /// Which phase function.
+    #[serde(rename = "type")]
+    pub kind: PhaseKind,
+    /// Mean cosine, of `henyey-greenstein` only.
+    pub g: Option<Spanned<f64>>,
+}
+
+/// Phase functions by name.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PhaseKind {
+    /// Every direction alike.
+    #[default]
+    Isotropic,
+    /// Henyey–Greenstein with mean cosine `g`.
+    HenyeyGreenstein,
+}
+
+/// `[[light]]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LightDesc {
+    /// Which light.
+    #[serde(rename = "type")]
+    pub kind: LightKind,
+    /// Of `distant`, required: points from the scene to the light, of any length but zero.
+    pub direction_to_light: Option<Spanned<[f64; 3]>>,
+    /// Of `distant`, required: irradiance on a plane that faces the light.
+    pub irradiance: Option<Spanned<[f64; 3]>>,
+    /// Of `distant`: angle that the disk spans; 0 is parallel light.
+    pub angular_diameter_degrees: Option<Spanned<f64>>,
+    /// Of `constant`, required: radiance from every direction.
+    pub radiance: Option<Spanned<[f64; 3]>>,
+}
+
+/// Lights by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LightKind {
+    /// A sun.
+    Distant,
+    /// A sky of one colour.
+    Constant,
+}
+
+/// `[render]`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RenderDesc {
+    /// Samples a pixel.
+    pub spp: Spanned<u32>,
+    /// Seed of all random streams; TOML's integers end at 2⁶³ − 1.
+    pub seed: Spanned<u64>,
+    /// Frame number: other frames get other noise.
+    pub frame: i32,
+    /// Which integrator renders.
+    pub integrator: Spanned<IntegratorKind>,
+    /// Paths end after this many scattering events. Unset: never, by roulette only.
+    ///
+    /// BIAS: a cap darkens the image.
+    pub max_bounces: Option<u32>,
+}
+
+impl Default for RenderDesc {
+    fn default() -> Self {
+        Self {
+            spp: unplaced(64),
+            seed: unplaced(0),
+            frame: 0,
+            integrator: unplaced(IntegratorKind::Path),
+            max_bounces: None,
+        }
+    }
+}

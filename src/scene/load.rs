@@ -1,0 +1,80 @@
+//! Loads a scene's volume: walks the file, decodes the density grid, builds its bounds.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use super::SceneError;
+use crate::grid::DensityGrid;
+use crate::vdb::{Archive, DensityData, LoadReport};
+
+pub use crate::vdb::LoadOptions;
+
+/// Where loading is, told as each stage begins.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LoadStage {
+    /// Walking the file and checking it.
+    Read,
+    /// Decompressing voxels into bricks.
+    Decode,
+    /// Computing bounds.
+    Build,
+}
+
+/// A density grid, ready to render, and where it came from.
+#[derive(Clone, Debug)]
+pub struct LoadedVolume {
+    /// The grid.
+    pub grid: Arc<DensityGrid>,
+    /// The file.
+    pub path: PathBuf,
+    /// The grid's name in it.
+    pub name: String,
+    /// Active voxels, tiles counted by their volume, if the file says.
+    pub active_voxel_count: Option<u64>,
+    /// Bricks of 8³ voxels.
+    pub brick_count: usize,
+    /// What was changed while loading.
+    pub report: LoadReport,
+}
+
+impl LoadedVolume {
+    /// Decodes grid `index` of `archive`; `on_stage` hears of decoding and building.
+    ///
+    /// # Errors
+    /// If the grid's type cannot be rendered, it needs too much memory, or it is damaged.
+    pub fn decode(
+        archive: &Archive,
+        index: usize,
+        options: &LoadOptions,
+        on_stage: &mut dyn FnMut(LoadStage),
+    ) -> Result<Self, SceneError> {
+        on_stage(LoadStage::Decode);
+        let DensityData {
+            mut tree,
+            transform,
+            report,
+        } = archive
+            .load_density(index, options)
+            .map_err(|source| SceneError::Volume { at: None, source })?;
+        on_stage(LoadStage::Build);
+        tree.drop_active_masks();
+        let brick_count = tree.brick_count();
+        let info = &archive.grids()[index];
+        let max_bytes = usize::try_from(options.max_memory_bytes).unwrap_or(usize::MAX);
+        let grid = DensityGrid::new(tree, transform, max_bytes).map_err(|source| {
+            SceneError::TooLarge {
+                path: archive.path().to_owned(),
+                grid: info.address.clone(),
+                source,
+            }
+        })?;
+        Ok(Self {
+            grid: Arc::new(grid),
+            path: archive.path().to_owned(),
+            name: info.address.clone(),
+            active_voxel_count: info.active_voxel_count,
+            brick_count,
+            report,
+        })
+    }
+}

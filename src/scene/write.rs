@@ -1,0 +1,137 @@
+//! Writes a scene description as a scene file that a person would like to edit.
+//!
+//! By hand rather than by a serialiser: which tables are inline, the order and the comments
+//! are what make it readable. Numbers take the shortest form that reads back exactly.
+
+use std::fmt::Write as _;
+
+use toml::Spanned;
+
+use super::desc::{DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, SceneDesc, VolumeDesc};
+use crate::integrator::IntegratorKind;
+
+/// Writes `desc` below `header`, whose lines become comments.
+pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
+    let mut out = String::new();
+    for line in header.lines() {
+        push(&mut out, format_args!("# {line}"));
+    }
+    let SceneDesc {
+        image,
+        camera,
+        volume,
+        light,
+        render,
+    } = desc;
+    let [width, height] = image.resolution.get_ref();
+    push(
+        &mut out,
+        format_args!("[image]\nresolution = [{width}, {height}]\n\n[camera]"),
+    );
+    push(
+        &mut out,
+        format_args!("position = {}", vector(&camera.position)),
+    );
+    push(
+        &mut out,
+        format_args!("look_at = {}", vector(&camera.look_at)),
+    );
+    push(&mut out, format_args!("up = {}", vector(&camera.up)));
+    let fov = number(*camera.vertical_fov_degrees.get_ref());
+    push(&mut out, format_args!("vertical_fov_degrees = {fov}"));
+    for v in volume {
+        push_volume(&mut out, v.get_ref());
+    }
+    for l in light {
+        push_light(&mut out, l.get_ref());
+    }
+    let (spp, seed, frame) = (render.spp.get_ref(), render.seed.get_ref(), render.frame);
+    push(
+        &mut out,
+        format_args!("\n[render]\nspp = {spp}\nseed = {seed}\nframe = {frame}"),
+    );
+    let integrator = match render.integrator.get_ref() {
+        IntegratorKind::Path => "path",
+        IntegratorKind::Analog => "analog",
+    };
+    push(&mut out, format_args!("integrator = \"{integrator}\""));
+    if let Some(n) = render.max_bounces {
+        push(&mut out, format_args!("max_bounces = {n}"));
+    }
+    out
+}
+
+fn push_volume(out: &mut String, volume: &VolumeDesc) {
+    let VolumeDesc {
+        file,
+        density: DensityDesc { grid, scale },
+        albedo,
+        phase,
+    } = volume;
+    let file = string(&file.get_ref().to_string_lossy());
+    let (grid, scale) = (string(grid.get_ref()), number(*scale.get_ref()));
+    push(out, format_args!("\n[[volume]]\nfile = {file}"));
+    let note = "# sigma_t = scale * density, per world unit";
+    push(
+        out,
+        format_args!("density = {{ grid = {grid}, scale = {scale} }} {note}"),
+    );
+    push(out, format_args!("albedo = {}", vector(albedo)));
+    let PhaseDesc { kind, g } = phase.get_ref();
+    let kind = match kind {
+        PhaseKind::Isotropic => "isotropic",
+        PhaseKind::HenyeyGreenstein => "henyey-greenstein",
+    };
+    let g = g
+        .as_ref()
+        .map_or(String::new(), |g| format!(", g = {}", number(*g.get_ref())));
+    push(out, format_args!("phase = {{ type = \"{kind}\"{g} }}"));
+}
+
+fn push_light(out: &mut String, light: &LightDesc) {
+    let LightDesc {
+        kind,
+        direction_to_light,
+        irradiance,
+        angular_diameter_degrees,
+        radiance,
+    } = light;
+    let kind = match kind {
+        LightKind::Distant => "distant",
+        LightKind::Constant => "constant",
+    };
+    push(out, format_args!("\n[[light]]\ntype = \"{kind}\""));
+    if let Some(d) = direction_to_light {
+        push(out, format_args!("direction_to_light = {}", vector(d)));
+    }
+    if let Some(e) = irradiance {
+        push(out, format_args!("irradiance = {}", vector(e)));
+    }
+    if let Some(d) = angular_diameter_degrees {
+        push(
+            out,
+            format_args!("angular_diameter_degrees = {}", number(*d.get_ref())),
+        );
+    }
+    if let Some(l) = radiance {
+        push(out, format_args!("radiance = {}", vector(l)));
+    }
+}
+
+fn push(out: &mut String, line: std::fmt::Arguments<'_>) {
+    writeln!(out, "{line}").expect("writing to a string cannot fail");
+}
+
+/// The shortest form that reads back exactly; always with a point, so that it stays a float.
+fn number(x: f64) -> String {
+    toml::Value::Float(x).to_string()
+}
+
+fn vector(v: &Spanned<[f64; 3]>) -> String {
+    let [x, y, z] = v.get_ref().map(number);
+    format!("[{x}, {y}, {z}]")
+}
+
+fn string(s: &str) -> String {
+    toml::Value::String(s.to_owned()).to_string()
+}
