@@ -61,8 +61,8 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     ),
     (
         &["rayon::", "std::thread", "thread::"],
-        &["vdb", "render", "grid/bounds"],
-        "starts threads",
+        &["vdb", "render", "grid/bounds", "cli"],
+        "starts threads or sets their number",
     ),
     (
         &["println!", "eprintln!", "print!", "eprint!", "dbg!"],

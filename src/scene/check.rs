@@ -15,7 +15,6 @@ use super::error::{DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::{Scene, SceneFile};
 use crate::camera::Camera;
-use crate::film::Pixel;
 use crate::integrator::{IntegratorKind, TransportSettings};
 use crate::light::{DistantLight, Lights};
 use crate::medium::Medium;
@@ -26,9 +25,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel of the film and of the image being written: the running statistics,
-/// four half and five float channels, and once more for the compressed blocks.
-const BYTES_PER_PIXEL: u64 = size_of::<Pixel>() as u64 + 2 * (4 * 2 + 5 * 4);
+/// Bytes for a pixel: 72 of running statistics in the film, and twice the four half and five
+/// float channels of the image, plain and compressed, while it is written.
+const BYTES_PER_PIXEL: u64 = 72 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volume not yet loaded.
 #[derive(Clone, Debug)]
@@ -435,5 +434,15 @@ impl Checked {
             lights: self.lights,
             transport: self.transport,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_film_is_as_large_as_its_estimate() {
+        assert!(BYTES_PER_PIXEL >= size_of::<crate::film::Pixel>() as u64 + 56);
     }
 }
