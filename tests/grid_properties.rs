@@ -15,6 +15,7 @@ use glam::{DAffine3, DVec3, IVec3};
 use majorant::grid::{Bound, DensityGrid, Segment, Tree, TreeBuilder};
 use majorant::space::IndexTransform;
 use proptest::prelude::*;
+use proptest::test_runner::RngSeed;
 
 const NO_LIMIT: usize = usize::MAX;
 
@@ -145,7 +146,11 @@ fn clamp_to_cell(p: DVec3, s: &Segment) -> DVec3 {
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 400, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig {
+        cases: 256,
+        rng_seed: RngSeed::Fixed(1),
+        ..ProptestConfig::default()
+    })]
 
     /// Segments are ordered and disjoint, lie in their cell, bound what can be read there, and
     /// leave out only what reads zero.
@@ -156,7 +161,7 @@ proptest! {
         let grid = grid(tree.clone());
         let mut at = 0.0;
         let mut gaps = Vec::new();
-        for (count, s) in grid.traverse(o, d, 1e5).enumerate() {
+        for (count, s) in grid.traverse(o, d, f64::INFINITY).enumerate() {
             prop_assert!(s.t0 >= at && s.t1 > s.t0, "order: {s:?} after {at}");
             prop_assert!(count < 10_000, "a walk of this size ends sooner");
             if s.t0 > at {

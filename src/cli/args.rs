@@ -74,8 +74,8 @@ pub(super) struct RenderArgs {
     /// Samples a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) spp: Option<u32>,
-    /// Seed of the noise, 0 to 2^63 - 1
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MAX_SEED))]
+    /// Seed of the noise, 0 to 2^64 - 1
+    #[arg(long, value_name = "N")]
     pub(super) seed: Option<u64>,
     /// Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]
     #[arg(short = 'j', long, value_name = "N")]
@@ -149,9 +149,6 @@ pub(super) struct ProbeArgs {
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
 }
-
-/// TOML's integers are signed; the command line takes no seed that a scene file cannot.
-const MAX_SEED: u64 = i64::MAX as u64;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(super) enum IntegratorArg {

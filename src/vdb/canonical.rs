@@ -29,7 +29,7 @@ const KIND_ACTIVE_ONLY: u8 = 0;
 const KIND_DENSE: u8 = 6;
 
 /// Builds the stream of some leaves.
-pub(super) fn leaves(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
+pub(super) fn leaves(encoding: Encoding, records: &[Record<'_>]) -> Vec<u8> {
     let payload: usize = records
         .iter()
         .map(|r| r.chunk.len() + 2 * LEAF_MASK + 16)
@@ -50,7 +50,7 @@ pub(super) fn leaves(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
 }
 
 /// Builds the stream of some lower nodes' tile values, without their leaves.
-pub(super) fn lowers(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
+pub(super) fn lowers(encoding: Encoding, records: &[Record<'_>]) -> Vec<u8> {
     let payload: usize = records
         .iter()
         .map(|r| r.chunk.len() + 2 * LOWER_MASK + 16)
@@ -66,7 +66,7 @@ pub(super) fn lowers(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
 }
 
 /// Builds the stream of some upper nodes' tile values, without their children.
-pub(super) fn uppers(encoding: &Encoding, records: &[Record<'_>]) -> Vec<u8> {
+pub(super) fn uppers(encoding: Encoding, records: &[Record<'_>]) -> Vec<u8> {
     let payload: usize = records
         .iter()
         .map(|r| r.chunk.len() + 2 * UPPER_MASK + 32)
@@ -90,7 +90,7 @@ struct Stream {
 
 impl Stream {
     /// Writes everything up to the number of root children.
-    fn new(encoding: &Encoding, payload: usize) -> Self {
+    fn new(encoding: Encoding, payload: usize) -> Self {
         let mut s = Self {
             out: Vec::with_capacity(payload + 512),
             codec: encoding.codec,

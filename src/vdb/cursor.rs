@@ -39,7 +39,7 @@ impl<'a> Cursor<'a> {
         let taken = taken.ok_or_else(|| {
             Damage::new(
                 self.at,
-                format!("{what} needs {len} bytes, {} are left", self.left()),
+                format!("{what}: {} bytes are left, expected {len}", self.left()),
             )
         })?;
         self.at += len;
@@ -52,8 +52,8 @@ impl<'a> Cursor<'a> {
             assert!(
                 cfg!(target_endian = "little"),
                 "values are copied as they are"
-            )
-        };
+            );
+        }
         Ok(bytemuck::pod_read_unaligned(
             self.take(size_of::<T>(), what)?,
         ))
@@ -99,7 +99,7 @@ mod tests {
         let e = c.string("a name").unwrap_err();
         assert_eq!(
             e.to_string(),
-            "at byte 11: a name needs 4294967295 bytes, 0 are left"
+            "at byte 11: a name: 0 bytes are left, expected 4294967295"
         );
         let mut beyond = Cursor::new(&bytes, usize::MAX);
         assert!(

@@ -14,7 +14,7 @@ use bytemuck::{Pod, pod_read_unaligned};
 use glam::IVec3;
 use half::f16;
 use rayon::prelude::*;
-use vdb_rs::{Grid, VdbReader};
+use vdb_rs::{Grid, ParseError, VdbReader};
 
 use super::canonical::{self, GRID_NAME, MAX_LEAVES, MAX_LOWERS};
 use super::cursor::Cursor;
@@ -100,7 +100,7 @@ impl From<Damage> for DecodeError {
 /// A grid being decoded.
 pub(super) struct Decoder<'a, I> {
     pub(super) bytes: &'a [u8],
-    pub(super) encoding: &'a Encoding,
+    pub(super) encoding: Encoding,
     pub(super) topology: &'a Topology,
     pub(super) ingest: &'a I,
 }
@@ -409,7 +409,7 @@ impl Level {
             assert!(
                 LOWERS_A_SHARE <= MAX_LOWERS,
                 "slots of a made-up upper node"
-            )
+            );
         };
         match self {
             Self::Upper => UPPERS_A_SHARE,
@@ -478,6 +478,7 @@ fn read_stream<R: Pod>(stream: Vec<u8>) -> Result<Grid<R>, DecodeError> {
     let read = || VdbReader::new(IoCursor::new(stream))?.read_grid::<R>(GRID_NAME);
     match catch_unwind(AssertUnwindSafe(read)) {
         Ok(Ok(grid)) => Ok(grid),
+        Ok(Err(ParseError::IoError(e))) => Err(DecodeError::Undecodable(e.to_string())),
         Ok(Err(e)) => Err(DecodeError::Undecodable(e.to_string())),
         Err(_) => Err(DecodeError::Undecodable("the decoder panicked".to_owned())),
     }

@@ -100,7 +100,7 @@ pub enum VdbError {
     },
     /// The file's format version is not one that can be read.
     #[error(
-        "{}: file format version {found}, expected 222 to 225; write it again with OpenVDB 3 to 13",
+        "{}: file format version {found}, expected 222 to 225; write it again with another version of OpenVDB",
         path.display()
     )]
     Version {
@@ -207,11 +207,11 @@ fn did_you_mean(nearest: Option<&str>) -> String {
 }
 
 fn listing(names: &[String]) -> String {
+    // A hostile file can name thousands of grids; a person reads the first few.
+    const SHOWN: usize = 20;
     if names.is_empty() {
         return "the file holds no grids".to_owned();
     }
-    // A hostile file can name thousands of grids; a person reads the first few.
-    const SHOWN: usize = 20;
     let mut list: Vec<_> = names.iter().take(SHOWN).map(|n| format!("{n:?}")).collect();
     if names.len() > SHOWN {
         list.push(format!("and {} more", names.len() - SHOWN));

@@ -30,10 +30,10 @@ impl Bytes {
             return Err(io::Error::from(io::ErrorKind::IsADirectory));
         }
         // SAFETY: the map is read-only and private to this value. What cannot be proven is that
-        // no other process changes the file meanwhile. Values that change under us are harmless:
-        // nothing is trusted from one read to the next, every length is checked on the copy of it
-        // that is used. A file cut short under us ends the process with SIGBUS, as for every
-        // program that maps files; renderers replace caches by rename, which keeps the old bytes.
+        // no other process changes the file meanwhile. Every record is checked again when it is
+        // decoded, so what changed since the walk is found out. A file cut short under us ends
+        // the process with SIGBUS, as for every program that maps files; programs that replace
+        // caches by rename, as most do, leave the mapped bytes alone.
         let map = unsafe { Mmap::map(&file)? };
         Ok(Self::Mapped(map))
     }

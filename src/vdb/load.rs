@@ -9,9 +9,10 @@ use std::time::Instant;
 
 use glam::IVec3;
 
-use super::archive::{Archive, Walked};
+use super::archive::Archive;
 use super::decode::{DecodeError, Decoder, Ingest, Stored};
 use super::error::{Damage, Place, VdbError};
+use super::listing::Walked;
 use super::memory;
 use super::record::ValueType;
 use super::statistics::TypedGrid;
@@ -194,7 +195,7 @@ impl Archive {
     ) -> Result<(Tree<I::Out>, I::Tally), VdbError> {
         let decoder = Decoder {
             bytes: self.bytes(),
-            encoding: &walked.encoding,
+            encoding: walked.encoding,
             topology: &walked.topology,
             ingest,
         };
@@ -265,27 +266,38 @@ struct DensityTally {
     first_not_finite: Option<(Place, f64)>,
 }
 
-/// A scalar that can serve as density.
+/// A scalar that can serve as density; what overflows becomes infinite and is caught later.
 trait Scalar: Copy {
     fn to_density(self) -> f32;
 }
 
-macro_rules! scalar {
-    ($($t:ty),*) => {$(
-        impl Scalar for $t {
-            #[expect(
-                clippy::allow_attributes,
-                clippy::cast_possible_truncation,
-                clippy::unnecessary_cast,
-                reason = "rounding to f32 is the point; what overflows becomes infinite and is caught"
-            )]
-            fn to_density(self) -> f32 {
-                self as f32
-            }
-        }
-    )*};
+impl Scalar for f32 {
+    fn to_density(self) -> f32 {
+        self
+    }
 }
-scalar!(f32, f64, i32, i64);
+
+impl Scalar for f64 {
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "rounding to f32 is the point"
+    )]
+    fn to_density(self) -> f32 {
+        self as f32
+    }
+}
+
+impl Scalar for i32 {
+    fn to_density(self) -> f32 {
+        self as f32
+    }
+}
+
+impl Scalar for i64 {
+    fn to_density(self) -> f32 {
+        self as f32
+    }
+}
 
 impl<V: Scalar> Ingest<V> for Density {
     type Out = f32;

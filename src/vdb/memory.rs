@@ -28,11 +28,8 @@ pub(super) fn estimate(topology: &Topology, value_size: usize) -> u64 {
         (topology.lowers.len(), node(LOWER_LEN)),
     ];
     let tiles = topology.active_tile_count.saturating_mul(TILE);
-    let shares = if topology.uppers.is_empty() {
-        0
-    } else {
-        SHARE * rayon::current_num_threads() as u64
-    };
+    let bricks = (topology.leaves.len() as u64).saturating_mul(brick);
+    let shares = (SHARE * rayon::current_num_threads() as u64).min(bricks.saturating_mul(4));
     parts
         .iter()
         .fold(tiles.saturating_add(shares), |sum, &(n, bytes)| {

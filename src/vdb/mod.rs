@@ -19,7 +19,7 @@
 //! use majorant::vdb::{Archive, LoadOptions};
 //!
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/vdb/tiles_n4_half_zip.vdb");
+//! # let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/fixtures/vdb/tiles_root_zip.vdb");
 //! let archive = Archive::open(path.as_ref())?;
 //! for grid in archive.grids() {
 //!     println!("{}: {}, {}", grid.name, grid.type_name, grid.class);
@@ -36,6 +36,7 @@ mod cursor;
 mod decode;
 mod error;
 mod file;
+mod listing;
 mod load;
 mod memory;
 mod metadata;
@@ -44,7 +45,8 @@ mod statistics;
 mod topology;
 mod transform;
 
-pub use archive::{Archive, GridInfo};
+pub use archive::Archive;
 pub use error::{Damage, Place, Refusal, VdbError};
+pub use listing::GridInfo;
 pub use load::{DensityData, Grid, LoadOptions, LoadReport};
 pub use statistics::{Components, Statistics, TypedGrid};

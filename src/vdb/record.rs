@@ -108,7 +108,7 @@ impl Encoding {
     }
 
     /// Bytes of a value in a decoded chunk.
-    pub(super) fn stored_size(&self) -> usize {
+    pub(super) fn stored_size(self) -> usize {
         let halved = self.value.half_size().filter(|_| self.half);
         halved.unwrap_or_else(|| self.value.size())
     }
@@ -162,7 +162,7 @@ impl<'a> Record<'a> {
     /// Reads the record of a node whose value mask is given.
     pub(super) fn read(
         c: &mut Cursor<'a>,
-        encoding: &Encoding,
+        encoding: Encoding,
         value_mask: &'a [u8],
     ) -> Result<Self, Damage> {
         let start = c.at();
@@ -213,7 +213,7 @@ pub(super) fn words(mask: &[u8]) -> impl Iterator<Item = u64> + '_ {
 }
 
 /// Takes a chunk of `count` values after checking all sizes it states.
-fn chunk<'a>(c: &mut Cursor<'a>, encoding: &Encoding, count: usize) -> Result<&'a [u8], Damage> {
+fn chunk<'a>(c: &mut Cursor<'a>, encoding: Encoding, count: usize) -> Result<&'a [u8], Damage> {
     let bytes = count * encoding.stored_size();
     if encoding.codec == Codec::Plain {
         return c.take(bytes, "a node's values");
@@ -285,7 +285,7 @@ mod tests {
 
     fn read(bytes: &[u8], e: Encoding) -> Result<(usize, usize, usize), Damage> {
         let mut c = Cursor::new(bytes, 0);
-        let r = Record::read(&mut c, &e, &MASK)?;
+        let r = Record::read(&mut c, e, &MASK)?;
         Ok((r.count, r.chunk.len(), c.at()))
     }
 
@@ -295,7 +295,7 @@ mod tests {
         for (half, used) in [(true, 1), (false, 9)] {
             let bytes = [0; 9];
             let mut c = Cursor::new(&bytes, 0);
-            Record::read(&mut c, &encoding(FLAG_ZIP | FLAG_ACTIVE_MASK, half), &none).unwrap();
+            Record::read(&mut c, encoding(FLAG_ZIP | FLAG_ACTIVE_MASK, half), &none).unwrap();
             assert_eq!(c.at(), used, "half = {half}");
         }
     }

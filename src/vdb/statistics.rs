@@ -134,7 +134,7 @@ impl<V: Components> TypedGrid<V> {
             assert!(
                 BRICK_LEN.is_multiple_of(64),
                 "one mask word for each 64 values"
-            )
+            );
         };
         let mut all = parts.into_iter().fold(Part::EMPTY, Part::merge);
         for (_, edge, tile) in self.tree.stored_tiles() {

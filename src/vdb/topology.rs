@@ -15,7 +15,7 @@
 
 use std::collections::HashSet;
 
-use glam::IVec3;
+use glam::{IVec3, UVec3};
 
 use super::cursor::Cursor;
 use super::error::Damage;
@@ -74,7 +74,7 @@ impl<'a> Node<'a> {
     /// Reads the node at the cursor, whose masks have `mask_len` bytes each.
     pub(super) fn read(
         c: &mut Cursor<'a>,
-        encoding: &Encoding,
+        encoding: Encoding,
         mask_len: usize,
     ) -> Result<Self, Damage> {
         let child_mask = c.take(mask_len, "a node's child mask")?;
@@ -85,7 +85,7 @@ impl<'a> Node<'a> {
 }
 
 /// Reads the leaf at the cursor.
-pub(super) fn read_leaf<'a>(c: &mut Cursor<'a>, encoding: &Encoding) -> Result<Record<'a>, Damage> {
+pub(super) fn read_leaf<'a>(c: &mut Cursor<'a>, encoding: Encoding) -> Result<Record<'a>, Damage> {
     let value_mask = c.take(LEAF_MASK, "a leaf's value mask")?;
     Record::read(c, encoding, value_mask)
 }
@@ -102,18 +102,22 @@ pub(super) fn ones(mask: &[u8]) -> impl Iterator<Item = usize> + '_ {
     })
 }
 
-/// Returns the lowest voxel of slot `slot`, relative to its node.
+/// Returns the lowest voxel of slot `slot`, relative to its node: less than 4096 on each axis.
+#[expect(
+    clippy::cast_possible_truncation,
+    reason = "twelve bits are left after the mask"
+)]
 pub(super) fn slot_origin(slot: usize, node_log2: u32, cell_log2: u32) -> IVec3 {
     let side = (1 << node_log2) - 1;
-    let axis = |shift: u32| ((slot >> shift & side) << cell_log2) as i32;
-    IVec3::new(axis(2 * node_log2), axis(node_log2), axis(0))
+    let axis = |shift: u32| ((slot >> shift & side) << cell_log2) as u32;
+    UVec3::new(axis(2 * node_log2), axis(node_log2), axis(0)).as_ivec3()
 }
 
 impl Topology {
     /// Walks the topology at the cursor and leaves the cursor behind it.
     ///
     /// [`Topology::walk_buffers`] has to follow before the leaves' positions are right.
-    pub(super) fn walk(c: &mut Cursor<'_>, encoding: &Encoding) -> Result<Self, Damage> {
+    pub(super) fn walk(c: &mut Cursor<'_>, encoding: Encoding) -> Result<Self, Damage> {
         let start = c.at();
         let buffer_count = c.u32("a tree's buffer count")?;
         if buffer_count != 1 {
@@ -149,7 +153,7 @@ impl Topology {
     fn walk_upper(
         &mut self,
         c: &mut Cursor<'_>,
-        encoding: &Encoding,
+        encoding: Encoding,
         origin: IVec3,
     ) -> Result<(), Damage> {
         self.uppers.push(NodeAt { origin, at: c.at() });
@@ -166,7 +170,7 @@ impl Topology {
     fn walk_lower(
         &mut self,
         c: &mut Cursor<'_>,
-        encoding: &Encoding,
+        encoding: Encoding,
         origin: IVec3,
     ) -> Result<(), Damage> {
         self.lowers.push(NodeAt { origin, at: c.at() });
@@ -210,7 +214,7 @@ impl Topology {
     pub(super) fn walk_buffers(
         &mut self,
         c: &mut Cursor<'_>,
-        encoding: &Encoding,
+        encoding: Encoding,
     ) -> Result<(), Damage> {
         for leaf in &mut self.leaves {
             let at = c.at();
@@ -231,10 +235,10 @@ impl Topology {
     pub(super) fn root_tiles<'a>(
         &self,
         bytes: &'a [u8],
-        encoding: &Encoding,
+        encoding: Encoding,
     ) -> impl Iterator<Item = Result<RootTile<'a>, Damage>> {
-        let (mut c, encoding) = (Cursor::new(bytes, self.tiles_at), *encoding);
-        (0..self.root_tile_count).map(move |_| read_root_tile(&mut c, &encoding))
+        let mut c = Cursor::new(bytes, self.tiles_at);
+        (0..self.root_tile_count).map(move |_| read_root_tile(&mut c, encoding))
     }
 
     /// Counts a whole cell as active.
@@ -268,7 +272,7 @@ impl Topology {
     }
 }
 
-fn read_root_tile<'a>(c: &mut Cursor<'a>, encoding: &Encoding) -> Result<RootTile<'a>, Damage> {
+fn read_root_tile<'a>(c: &mut Cursor<'a>, encoding: Encoding) -> Result<RootTile<'a>, Damage> {
     let origin = c.ivec3("a root tile's origin")?;
     let value = c.take(encoding.value.size(), "a root tile's value")?;
     let [active] = c.pod::<[u8; 1]>("a root tile's state")?;
