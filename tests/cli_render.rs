@@ -9,7 +9,7 @@ use exr::prelude::{ReadChannels as _, ReadLayers as _};
 
 /// A small scene of a fixture: 16 x 9 pixels, 4 samples.
 fn scene(folder: &Folder) -> String {
-    let volume = fixture("xf_affine.vdb");
+    let volume = fixture("xf_affine.vdb").display().to_string();
     let text = format!(
         "[image]\nresolution = [16, 9]\n[camera]\nposition = [10, -10, 3]\n\
          look_at = [1.0, 2.0, 3.0]\n[[volume]]\nfile = {volume:?}\n\
