@@ -33,6 +33,14 @@ const ROULETTE_WEIGHT: f32 = 0.03;
 /// 1.38, 1.48, 1.72, 1.69; thin smoke 1594, 1561, 1699, 1481. Without any, the cloud has 0.15.
 const LEAST_CONTRIBUTION: f32 = 0.05;
 
+/// The guide's root of the transmittance counts for at least this.
+///
+/// Where its lattice misses a gap, a shadow ray is traced rarely and then weighs much. Measured
+/// at 0, 0.05, 0.15 and 1, variance of the image's mean in 1e-8 at the cost in CPU s: a torn
+/// smoke 23 (3.0), 3.8 (3.4), 3.5 (3.8), 3.4 (5.2); a simulated tower 4.7 (4.1), 4.6 (4.8),
+/// 4.7 (5.7), 4.5 (7.2); two clouds lie between.
+const LEAST_BELIEF: f32 = 0.05;
+
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
 pub(super) fn sample_radiance(
     context: &Context<'_>,
@@ -98,7 +106,8 @@ pub(super) fn sample_radiance(
         let mut direction = None;
         if let Some(guide) = guide {
             for (i, sun) in lights.distant.iter().enumerate() {
-                let worth = guide.root_transmittance(i, p) / least;
+                let believed = guide.root_transmittance(i, p).max(LEAST_BELIEF);
+                let worth = believed / least;
                 radiance += vertex.direct_light(medium, sun, worth, stream, counts);
             }
             let (guided, weight) = guide.sample(medium.phase(), p, ray.direction, stream);
