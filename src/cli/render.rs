@@ -56,15 +56,12 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
 }
 
 fn output_path(args: &RenderArgs) -> Result<PathBuf, Failure> {
-    let path = match &args.output {
-        Some(path) => path.clone(),
-        None => {
-            // Not `with_extension`, which would take `cloud.0012` for a name in .0012.
-            let mut name = args.input.file_stem().unwrap_or_default().to_owned();
-            name.push(".exr");
-            PathBuf::from(name)
-        }
-    };
+    let path = args.output.clone().unwrap_or_else(|| {
+        // Not `with_extension`, which would take `cloud.0012` for a name in .0012.
+        let mut name = args.input.file_stem().unwrap_or_default().to_owned();
+        name.push(".exr");
+        PathBuf::from(name)
+    });
     if path
         .extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
