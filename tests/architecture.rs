@@ -62,7 +62,7 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     (
         &["rayon::", "std::thread", "thread::"],
         // `cli` sizes the pool, once, before anything runs in it.
-        &["vdb", "render", "grid/bounds", "cli"],
+        &["vdb", "render", "grid/bounds", "grid/columns", "cli"],
         "starts threads",
     ),
     (
