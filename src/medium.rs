@@ -38,6 +38,12 @@ impl Medium {
         }
     }
 
+    /// Returns a medium of the same grid with other optics; nothing is copied.
+    #[must_use]
+    pub fn with_optics(&self, sigma_t_per_density: f32, albedo: Rgb, phase: Phase) -> Self {
+        Self::new(Arc::clone(&self.grid), sigma_t_per_density, albedo, phase)
+    }
+
     /// Returns the grid that the extinction follows.
     pub fn grid(&self) -> &DensityGrid {
         &self.grid
