@@ -219,7 +219,7 @@ fn to_half(x: f64) -> f16 {
 /// Encodes a linear value for an 8 bit sRGB picture.
 ///
 /// # Reference
-/// `[IEC61966-2-1]`.
+/// `[Stokes1996]`.
 fn srgb_byte(linear: f64) -> u8 {
     let x = linear.clamp(0.0, 1.0);
     let encoded = if x <= 0.003_130_8 {

@@ -129,7 +129,7 @@ fn spots(name: &str) -> Vec<([i32; 3], bool, f64)> {
     let spot = |line: &str| {
         let w: Vec<f64> = line
             .split_whitespace()
-            .map(|w| w.parse().unwrap())
+            .map(|w| w.parse().expect("numbers"))
             .collect();
         #[expect(clippy::cast_possible_truncation, reason = "voxel indices")]
         let index = [w[0] as i32, w[1] as i32, w[2] as i32];

@@ -273,6 +273,7 @@ fn wrong_usage_ends_with_2() {
         &["--integrator", "magic"],
         &["--up", "z"],
         &["-o", "out.png"],
+        &["-o", "out.exr", "--preview-png=out.exr"],
     ] {
         let args = [&["render", &scene][..], wrong].concat();
         assert_eq!(code(&majorant(&args)), 2, "{wrong:?}");

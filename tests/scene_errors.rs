@@ -116,6 +116,10 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
             "angular_diameter_degrees = 0.0",
             "angular_diameter_degrees = 180",
         ),
+        (
+            "angular_diameter_degrees = 0.0",
+            "angular_diameter_degrees = 1e-9",
+        ),
         ("angular_diameter_degrees = 0.0", "radiance = [1, 1, 1]"),
         (
             "radiance = [0.3, 0.45, 0.75]",

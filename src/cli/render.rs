@@ -18,7 +18,7 @@ use super::{Failure, memory, report};
 
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     let begin = Clock::start();
-    let output = output_path(args)?;
+    let targets = Targets::new(args)?;
     start_threads(args.threads)?;
     let max_memory_bytes = memory::limit(args.max_memory);
     let options = LoadOptions {
@@ -48,33 +48,52 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     };
     let scene = checked.into_scene(&volume);
     stages.end();
-    let mut stats = Stats::new(&args.input, &output, &scene, &volume);
+    let mut stats = Stats::new(&args.input, &targets.image, &scene, &volume);
     stages.write_to(&mut stats, begin);
     report_plan(&stats);
     let film = render_timed(&scene, begin, &mut stats)?;
-    write(args, &output, &scene, hash, &film, &mut stats)
+    write(&targets, &scene, hash, &film, &mut stats)
 }
 
-fn output_path(args: &RenderArgs) -> Result<PathBuf, Failure> {
-    let path = match &args.output {
-        Some(path) => path.clone(),
-        None => {
+/// The files to write.
+#[derive(Debug)]
+struct Targets {
+    image: PathBuf,
+    preview: Option<PathBuf>,
+    stats: Option<PathBuf>,
+}
+
+impl Targets {
+    fn new(args: &RenderArgs) -> Result<Self, Failure> {
+        let image = args.output.clone().unwrap_or_else(|| {
             // Not `with_extension`, which would take `cloud.0012` for a name in .0012.
             let mut name = args.input.file_stem().unwrap_or_default().to_owned();
             name.push(".exr");
             PathBuf::from(name)
+        });
+        let is_exr = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("exr");
+        if !image.extension().is_some_and(is_exr) {
+            let message = "images are OpenEXR, expected a name in .exr";
+            return Err(Failure::Usage(format!(
+                "--output {}: {message}",
+                image.display()
+            )));
         }
-    };
-    if path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("exr"))
-    {
-        return Ok(path);
+        let preview = args.preview_png.as_ref().map(|asked| {
+            let beside = || image.with_extension("png");
+            asked.clone().unwrap_or_else(beside)
+        });
+        let stats = args.stats_json.clone();
+        if preview.as_ref() == Some(&image) || stats.as_ref() == Some(&image) {
+            let message = "named for two outputs, expected a file for each";
+            return Err(Failure::Usage(format!("{}: {message}", image.display())));
+        }
+        Ok(Self {
+            image,
+            preview,
+            stats,
+        })
     }
-    let shown = path.display();
-    Err(Failure::Usage(format!(
-        "--output {shown}: images are OpenEXR, expected a name in .exr"
-    )))
 }
 
 fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
@@ -84,7 +103,12 @@ fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(count)
         .build_global()
-        .map_err(Failure::failed)
+        .map_err(|e| {
+            Failure::failed(format!(
+                "cannot start {count} threads: {}",
+                report::chain(&e)
+            ))
+        })
 }
 
 fn is_volume(path: &Path) -> bool {
@@ -256,8 +280,7 @@ fn warn_of_trouble(stats: &Stats) {
 }
 
 fn write(
-    args: &RenderArgs,
-    output: &Path,
+    targets: &Targets,
     scene: &Scene,
     scene_hash: u64,
     film: &Film,
@@ -278,21 +301,18 @@ fn write(
         peak_memory_bytes: stats.peak_memory_bytes,
         stats_json: serde_json::to_string(stats).map_err(Failure::failed)?,
     };
-    output::write_exr(output, film, &provenance).map_err(Failure::failed)?;
-    if let Some(preview) = &args.preview_png {
-        let path = preview
-            .clone()
-            .unwrap_or_else(|| output.with_extension("png"));
-        output::write_png(&path, film).map_err(Failure::failed)?;
+    output::write_exr(&targets.image, film, &provenance).map_err(Failure::failed)?;
+    if let Some(path) = &targets.preview {
+        output::write_png(path, film).map_err(Failure::failed)?;
     }
     let lap = clock.lap();
     stats.seconds.write = Some(lap.wall);
     stats.cpu_seconds.write = lap.cpu;
-    if let Some(path) = &args.stats_json {
+    if let Some(path) = &targets.stats {
         let json = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
         output::write_text(path, &format!("{json}\n")).map_err(Failure::failed)?;
     }
-    summarise(output, stats);
+    summarise(&targets.image, stats);
     Ok(())
 }
 

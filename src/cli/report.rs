@@ -75,13 +75,12 @@ where
 /// Prints why the program ends; scene errors with the line and an arrow.
 pub(super) fn failure(failure: &Failure) {
     let text = match failure {
-        Failure::Usage(message) => error_line(message),
+        Failure::Usage(message) | Failure::BadInput(message) => error_line(message),
         Failure::Scene(e) => match e.place() {
             Some(place) => diagnostic(place, e),
             None => error_line(&chain(e)),
         },
         Failure::Vdb(e) => error_line(&chain(e)),
-        Failure::BadInput(message) => error_line(message),
         Failure::Reported => return,
         Failure::Failed(e) => error_line(&chain(e.as_ref())),
     };

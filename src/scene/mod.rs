@@ -133,7 +133,7 @@ impl SceneFile {
 }
 
 /// # Reference
-/// `[FNV]`: 64 bits, 1a; stable over versions and machines, which the standard library's
+/// `[Fowler2019]`: FNV-1a, 64 bits; stable over versions and machines, which the standard library's
 /// hasher is not.
 fn fnv1a(bytes: &[u8]) -> u64 {
     bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, &byte| {
