@@ -50,6 +50,16 @@ impl DistantLight {
             })
     }
 
+    /// Returns the unit vector to the light, the centre of its disk if it has one.
+    pub fn direction(&self) -> DVec3 {
+        self.direction_to_light
+    }
+
+    /// Returns the brightest channel of the light spread over the whole sphere.
+    pub fn typical_radiance(&self) -> f32 {
+        self.irradiance.max_channel() / (4.0 * std::f32::consts::PI)
+    }
+
     /// Draws a direction to the light.
     pub fn sample(&self, stream: &mut Stream) -> LightSample {
         let Self {
@@ -105,13 +115,10 @@ pub struct Lights {
 }
 
 impl Lights {
-    /// Returns a radiance that is typical of what the lights make of a white medium: the sky's
-    /// and the suns' light spread over the sphere. For scales of importance, not for images.
+    /// Returns a radiance that is typical of what the lights make of a white medium. For
+    /// scales of importance, not for images.
     pub fn typical_radiance(&self) -> f32 {
-        let suns = self
-            .distant
-            .iter()
-            .map(|sun| sun.irradiance.max_channel() / (4.0 * std::f32::consts::PI));
+        let suns = self.distant.iter().map(DistantLight::typical_radiance);
         self.environment.max_channel() + suns.sum::<f32>()
     }
 

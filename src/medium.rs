@@ -5,11 +5,11 @@
 
 use std::sync::Arc;
 
-use crate::grid::{DensityGrid, Sampler, Segment, Traversal};
+use crate::grid::{Columns, DensityGrid, Sampler, Segment, Traversal};
 use crate::phase::Phase;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 /// A participating medium whose gray extinction follows a density grid.
 #[derive(Clone, Debug)]
@@ -38,6 +38,12 @@ impl Medium {
         }
     }
 
+    /// Returns a medium of the same grid with other optics; nothing is copied.
+    #[must_use]
+    pub fn with_optics(&self, sigma_t_per_density: f32, albedo: Rgb, phase: Phase) -> Self {
+        Self::new(Arc::clone(&self.grid), sigma_t_per_density, albedo, phase)
+    }
+
     /// Returns the grid that the extinction follows.
     pub fn grid(&self) -> &DensityGrid {
         &self.grid
@@ -58,6 +64,19 @@ impl Medium {
         self.phase
     }
 
+    /// Estimates, coarsely and once, the transmittance from every point towards `direction`.
+    ///
+    /// `None` for a medium without density. For importance only: not an unbiased estimate.
+    pub fn light_columns(&self, direction: DVec3) -> Option<LightColumns> {
+        let scale = f64::from(self.sigma_t_per_density);
+        #[expect(clippy::cast_possible_truncation, reason = "a number in [0, 1]")]
+        let root_transmittance = |column: f64| (-0.5 * scale * column).exp() as f32;
+        Some(LightColumns {
+            columns: Columns::new(&self.grid, direction, root_transmittance)?,
+            index_from_world: self.grid.transform().index_from_world(),
+        })
+    }
+
     /// Prepares the walk of a ray through the medium, from `t = 0` to `t_max`.
     #[inline] // bench: frame
     pub fn ray(&self, ray: &Ray, t_max: f64) -> MediumRay<'_> {
@@ -72,6 +91,22 @@ impl Medium {
             sigma_t_per_density: self.sigma_t_per_density,
             segment: None,
         }
+    }
+}
+
+/// Coarse estimates of the transmittance towards one direction.
+#[derive(Clone, Debug)]
+pub struct LightColumns {
+    columns: Columns,
+    index_from_world: DAffine3,
+}
+
+impl LightColumns {
+    /// Returns an estimate of the square root of the transmittance from `p_world`.
+    #[inline] // bench: frame
+    pub fn root_transmittance(&self, p_world: DVec3) -> f32 {
+        self.columns
+            .at(self.index_from_world.transform_point3(p_world))
     }
 }
 

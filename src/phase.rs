@@ -44,6 +44,18 @@ impl Phase {
         deflect(direction, one_minus_cos, stream.uniform())
     }
 
+    /// Returns `1 − cos θ` for the uniform number `u` in (0, 1]: the inverse of its distribution.
+    #[expect(
+        clippy::cast_possible_truncation,
+        reason = "within 6e-8 of the sampled angle"
+    )]
+    pub fn invert(self, u: f32) -> f32 {
+        match self {
+            Self::Isotropic => 2.0 * (1.0 - u),
+            Self::HenyeyGreenstein { g } => sample_henyey_greenstein(g, u) as f32,
+        }
+    }
+
     /// Returns the mean cosine.
     pub fn mean_cosine(self) -> f32 {
         match self {

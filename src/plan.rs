@@ -60,7 +60,7 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
         add("active masks dropped", "rendering reads values only");
         match medium.phase() {
             Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
-            Phase::HenyeyGreenstein { g } if g == 0.0 => {
+            Phase::HenyeyGreenstein { g: 0.0 } => {
                 add("Henyey-Greenstein kernel at g = 0", "isotropic by value");
             }
             Phase::HenyeyGreenstein { .. } => {

@@ -52,11 +52,7 @@ pub struct Rendered {
 /// Setting `cancel` ends the render at the next pixel; pixels that were not reached are empty.
 pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Rendered {
     let start = Instant::now();
-    let context = Context {
-        medium: scene.medium.as_ref(),
-        lights: &scene.lights,
-        settings: scene.transport,
-    };
+    let context = Context::new(scene.medium.as_ref(), &scene.lights, scene.transport);
     let mut film = Film::new(scene.width, scene.height);
     let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
     let done = AtomicU64::new(0);

@@ -30,11 +30,11 @@ const TABLE: &[(&str, &str)] = &[
     ("tracking", "tracking space spectrum sampling stats medium"),
     (
         "integrator",
-        "integrator tracking medium phase light film space spectrum sampling stats",
+        "integrator tracking medium phase light space spectrum sampling stats",
     ),
     (
         "scene",
-        "scene vdb grid medium phase light camera space spectrum integrator",
+        "scene vdb grid medium phase light camera film space spectrum integrator",
     ),
     (
         "plan",
@@ -61,7 +61,8 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     ),
     (
         &["rayon::", "std::thread", "thread::"],
-        &["vdb", "render", "grid/bounds"],
+        // `cli` sizes the pool, once, before anything runs in it.
+        &["vdb", "render", "grid/bounds", "grid/columns", "cli"],
         "starts threads",
     ),
     (

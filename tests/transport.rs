@@ -192,11 +192,7 @@ fn single_scattering_in_a_slab_is_the_closed_form() {
         integrator: IntegratorKind::Path,
         max_bounces: Some(1),
     };
-    let context = Context {
-        medium: Some(&medium),
-        lights: &lights,
-        settings,
-    };
+    let context = Context::new(Some(&medium), &lights, settings);
     for (mu, expected) in [(1.0_f64, 0.0344039), (0.5, 0.0504104)] {
         let direction = DVec3::new((1.0 - mu * mu).sqrt(), 0.0, -mu);
         let origin = DVec3::new(2000.0, 2000.0, 64.0) - direction * 500.0;

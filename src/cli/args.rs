@@ -36,7 +36,7 @@ Exit codes: 0 done, 2 wrong usage, 3 bad input.";
 
 /// Unbiased rendering of OpenVDB clouds, smoke and fire.
 #[derive(Debug, Parser)]
-#[command(version, max_term_width = 100, after_help = EXIT_CODES)]
+#[command(version, max_term_width = 100, after_help = EXIT_CODES, disable_help_flag = true)]
 pub(super) struct Args {
     #[command(subcommand)]
     pub(super) command: Command,
@@ -46,6 +46,10 @@ pub(super) struct Args {
     /// Print the plan and where time goes; twice: more
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub(super) verbose: u8,
+    /// Print help
+    // `--help` would spread the same text over twice the lines.
+    #[arg(short, long, global = true, action = ArgAction::HelpShort)]
+    help: Option<bool>,
 }
 
 #[derive(Debug, Subcommand)]
@@ -74,11 +78,15 @@ pub(super) struct RenderArgs {
     /// Samples a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) spp: Option<u32>,
-    /// Seed of the noise, 0 to 2^63 - 1
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(..=MAX_SEED))]
+    /// Seed of the noise, 0 to 2^64 - 1
+    #[arg(long, value_name = "N")]
     pub(super) seed: Option<u64>,
-    /// Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]
-    #[arg(short = 'j', long, value_name = "N")]
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
     pub(super) threads: Option<usize>,
     /// path samples the lights; analog is the short reference
     #[arg(long, value_enum)]
@@ -149,9 +157,6 @@ pub(super) struct ProbeArgs {
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
 }
-
-/// TOML's integers are signed; the command line takes no seed that a scene file cannot.
-const MAX_SEED: u64 = i64::MAX as u64;
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
 pub(super) enum IntegratorArg {
@@ -231,7 +236,7 @@ mod tests {
     #[test]
     fn help_of_each_command_fits_a_screen() {
         for command in Args::command().get_subcommands_mut() {
-            let help = command.render_long_help().to_string();
+            let help = command.render_help().to_string();
             let lines = help.lines().count();
             assert!(lines <= 50, "{}: {lines} lines", command.get_name());
         }

@@ -227,7 +227,10 @@ fn push_grid(out: &mut String, grid: &GridEntry, quick: bool) -> std::fmt::Resul
     if let Some([[a, b, c], [d, e, f]]) = grid.index_bbox {
         writeln!(out, "    active box    [{a}, {b}, {c}] to [{d}, {e}, {f}]")?;
     }
-    let shown = |v: &Option<Value>| v.as_ref().map_or("unknown".to_owned(), |v| v.to_string());
+    let shown = |v: &Option<Value>| match v {
+        Some(value) => value.to_string(),
+        None => "unknown".to_owned(),
+    };
     if !quick && grid.refused.is_none() {
         let (min, max, sum) = (shown(&grid.min), shown(&grid.max), shown(&grid.sum));
         writeln!(out, "    values        {min} to {max}, sum {sum}")?;

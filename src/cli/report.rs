@@ -153,7 +153,7 @@ impl Diagnostic for Shown<'_> {
 
 fn diagnostic(place: &DescriptionError, error: &(dyn Error + 'static)) -> String {
     // An error about a default or the whole file has no line to show.
-    if place.span.is_empty() {
+    if place.span == (0..0) {
         let expected = place
             .expected
             .as_ref()

@@ -5,6 +5,7 @@
 //! * [`bounds`]: conservative minimum, maximum and mean of every cell.
 //! * [`sampler`]: trilinear lookups with eight taps, and stochastic ones with one.
 //! * [`traverse`]: a ray's gap-free intervals with their bounds.
+//! * [`Columns`]: how much density lies between a point and a distant light, coarsely.
 //! * [`DensityGrid`]: a scalar tree with bounds, placed in the world.
 //!
 //! No file format and no optics here: `vdb` fills these structures, `medium` gives the values
@@ -12,6 +13,7 @@
 
 pub mod bounds;
 pub mod brick;
+mod columns;
 mod density;
 pub mod sampler;
 pub mod traverse;
@@ -19,6 +21,7 @@ pub mod tree;
 
 pub use bounds::Bound;
 pub use brick::Voxel;
+pub use columns::Columns;
 pub use density::{DensityGrid, GridTooLarge};
 pub use sampler::Sampler;
 pub use traverse::{Segment, Traversal};

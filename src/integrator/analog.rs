@@ -29,6 +29,7 @@ pub(super) fn sample_radiance(
         medium,
         lights,
         settings,
+        ..
     } = *context;
     let mut first_collision = None;
     let mut weight = Rgb::WHITE;

@@ -1,15 +1,18 @@
 //! Estimators of the radiance along a camera ray.
 //!
 //! * `analog`: plain delta tracking, the short reference.
+//! * `guide`: importance of points and directions for the latter.
 //! * `path`: next-event estimation and roulette, the production choice.
 //!
 //! Both have the same expectation; a test compares their images. Neither sees a voxel.
 
 mod analog;
+mod guide;
 mod path;
 
 use serde::{Deserialize, Serialize};
 
+use self::guide::Guide;
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::sampling::Stream;
@@ -41,14 +44,33 @@ pub struct TransportSettings {
 }
 
 /// What a path meets: borrowed from the scene for one frame.
-#[derive(Clone, Copy, Debug)]
+#[derive(Debug)]
 pub struct Context<'a> {
-    /// The medium, if there is one.
-    pub medium: Option<&'a Medium>,
-    /// The lights.
-    pub lights: &'a Lights,
-    /// Light transport.
-    pub settings: TransportSettings,
+    medium: Option<&'a Medium>,
+    lights: &'a Lights,
+    settings: TransportSettings,
+    guide: Option<Guide>,
+}
+
+impl<'a> Context<'a> {
+    /// Prepares what the chosen integrator needs to know of the scene.
+    ///
+    /// # Cost
+    /// The path integrator fills a lattice of up to 2¹⁸ cells for each sun.
+    pub fn new(
+        medium: Option<&'a Medium>,
+        lights: &'a Lights,
+        settings: TransportSettings,
+    ) -> Self {
+        let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
+        let guide = medium.filter(|_| guided).map(|m| Guide::new(m, lights));
+        Self {
+            medium,
+            lights,
+            settings,
+            guide,
+        }
+    }
 }
 
 /// What one path brings home.

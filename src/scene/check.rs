@@ -7,17 +7,17 @@ use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use glam::DVec3;
 use toml::Spanned;
 
-use super::desc::{LightDesc, LightKind, PhaseDesc, PhaseKind, SceneDesc, VolumeDesc};
-use super::error::{DescriptionError, SceneError, Source};
+use super::check_light::check_lights;
+use super::desc::{PhaseDesc, PhaseKind, SceneDesc, VolumeDesc};
+use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
+use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
 use crate::camera::Camera;
-use crate::film::Pixel;
-use crate::integrator::{IntegratorKind, TransportSettings};
-use crate::light::{DistantLight, Lights};
+use crate::integrator::TransportSettings;
+use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::spectrum::Rgb;
@@ -26,9 +26,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel of the film and of the image being written: the running statistics,
-/// four half and five float channels, and once more for the compressed blocks.
-const BYTES_PER_PIXEL: u64 = size_of::<Pixel>() as u64 + 2 * (4 * 2 + 5 * 4);
+/// Bytes for a pixel: 72 of running statistics in the film, and twice the four half and five
+/// float channels of the image, plain and compressed, while it is written.
+const BYTES_PER_PIXEL: u64 = 72 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volume not yet loaded.
 #[derive(Clone, Debug)]
@@ -61,11 +61,9 @@ impl SceneFile {
     /// At the first value that is out of range, not finite or contradicts another.
     pub fn check(&self, max_memory_bytes: u64) -> Result<Checked, SceneError> {
         let Self { source, desc } = self;
-        check_all(source, desc, max_memory_bytes).map_err(|e| SceneError::Description(Box::new(e)))
+        check_all(source, desc, max_memory_bytes).map_err(SceneError::Description)
     }
 }
-
-type Check<T> = Result<T, DescriptionError>;
 
 fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<Checked> {
     let resolution = check_resolution(source, &desc.image.resolution, max_memory_bytes)?;
@@ -226,155 +224,6 @@ fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
     }
 }
 
-fn check_lights(source: &Source, desc: &SceneDesc) -> Check<Lights> {
-    let mut lights = Lights::default();
-    for spanned in &desc.light {
-        let light = spanned.get_ref();
-        match light.kind {
-            LightKind::Distant => lights.distant.push(check_distant(source, desc, spanned)?),
-            LightKind::Constant => {
-                foreign_key(
-                    source,
-                    "constant",
-                    "direction_to_light",
-                    &light.direction_to_light,
-                )?;
-                foreign_key(source, "constant", "irradiance", &light.irradiance)?;
-                let diameter = &light.angular_diameter_degrees;
-                foreign_key(source, "constant", "angular_diameter_degrees", diameter)?;
-                let radiance = required(source, "constant", "radiance", &light.radiance, spanned)?;
-                lights.environment += colour(source, "radiance", radiance)?;
-            }
-        }
-    }
-    Ok(lights)
-}
-
-fn check_distant(
-    source: &Source,
-    desc: &SceneDesc,
-    spanned: &Spanned<LightDesc>,
-) -> Check<DistantLight> {
-    let LightDesc {
-        kind: _,
-        direction_to_light,
-        irradiance,
-        angular_diameter_degrees,
-        radiance,
-    } = spanned.get_ref();
-    foreign_key(source, "distant", "radiance", radiance)?;
-    let to_light = required(
-        source,
-        "distant",
-        "direction_to_light",
-        direction_to_light,
-        spanned,
-    )?;
-    let irradiance = required(source, "distant", "irradiance", irradiance, spanned)?;
-    let diameter = match angular_diameter_degrees {
-        Some(d) => number(source, "angular_diameter_degrees", d)?,
-        None => 0.0,
-    };
-    let at = angular_diameter_degrees
-        .as_ref()
-        .map_or(spanned.span(), Spanned::span);
-    if !(0.0..180.0).contains(&diameter) {
-        let message = format!("angular_diameter_degrees is {diameter}");
-        return Err(source.error(at, message, "an angle from 0 to below 180 degrees"));
-    }
-    if diameter == 0.0 && *desc.render.integrator.get_ref() == IntegratorKind::Analog {
-        let message = "the analog integrator cannot see a sun of zero diameter";
-        let mut error = source.error(at, message, "a diameter, say 0.53 degrees as on Earth");
-        error.help = Some("or render with integrator = \"path\"".to_owned());
-        return Err(error);
-    }
-    let unit = direction(source, "direction_to_light", to_light)?;
-    let irradiance = colour(source, "irradiance", irradiance)?;
-    DistantLight::new(unit, irradiance, diameter.to_radians()).ok_or_else(|| {
-        source.error(
-            to_light.span(),
-            "direction_to_light is no direction",
-            "a finite vector",
-        )
-    })
-}
-
-fn required<'a, T>(
-    source: &Source,
-    kind: &str,
-    key: &str,
-    value: &'a Option<Spanned<T>>,
-    light: &Spanned<LightDesc>,
-) -> Check<&'a Spanned<T>> {
-    value.as_ref().ok_or_else(|| {
-        let message = format!("a {kind} light needs {key}");
-        source.error(light.span(), message, format!("{key} = [x, y, z]"))
-    })
-}
-
-/// Refuses a key that lights of another type have.
-fn foreign_key<T>(source: &Source, kind: &str, key: &str, value: &Option<Spanned<T>>) -> Check<()> {
-    match value {
-        None => Ok(()),
-        Some(v) => {
-            let keys = match kind {
-                "constant" => "type and radiance only",
-                _ => "type, direction_to_light, irradiance, angular_diameter_degrees only",
-            };
-            Err(source.error(v.span(), format!("a {kind} light has no {key}"), keys))
-        }
-    }
-}
-
-fn number(source: &Source, key: &str, value: &Spanned<f64>) -> Check<f64> {
-    let x = *value.get_ref();
-    if x.is_finite() {
-        return Ok(x);
-    }
-    Err(source.error(value.span(), format!("{key} is {x}"), "a finite number"))
-}
-
-/// Largest coordinate: squares and products of three stay far from overflow.
-const MAX_COORDINATE: f64 = 1e30;
-
-fn finite_vector(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<DVec3> {
-    let v = DVec3::from_array(*value.get_ref());
-    if v.abs().cmple(DVec3::splat(MAX_COORDINATE)).all() {
-        return Ok(v);
-    }
-    let message = format!("{key} is {:?}", value.get_ref());
-    Err(source.error(
-        value.span(),
-        message,
-        "three numbers between -1e30 and 1e30",
-    ))
-}
-
-fn direction(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<DVec3> {
-    finite_vector(source, key, value)?
-        .try_normalize()
-        .ok_or_else(|| {
-            let message = format!("{key} is {:?}", value.get_ref());
-            source.error(value.span(), message, "a vector that is not zero")
-        })
-}
-
-fn colour(source: &Source, key: &str, value: &Spanned<[f64; 3]>) -> Check<Rgb> {
-    let [r, g, b] = value.get_ref().map(non_negative_f32);
-    let (Some(r), Some(g), Some(b)) = (r, g, b) else {
-        let message = format!("{key} is {:?}", value.get_ref());
-        return Err(source.error(value.span(), message, "three numbers from 0 to 3e38"));
-    };
-    Ok(Rgb([r, g, b]))
-}
-
-/// Rounds to `f32`; `None` if negative, not a number or too large.
-fn non_negative_f32(x: f64) -> Option<f32> {
-    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
-    let y = x as f32;
-    (x >= 0.0 && y.is_finite()).then_some(y)
-}
-
 impl Checked {
     /// Returns the path of the volume file.
     pub fn volume_path(&self) -> &Path {
@@ -396,7 +245,7 @@ impl Checked {
         let at = |span: Range<usize>, source: VdbError| {
             let place = DescriptionError {
                 expected: None,
-                ..self.source.error(span, source.to_string(), "")
+                ..*self.source.error(span, source.to_string(), "")
             };
             SceneError::Volume {
                 at: Some(Box::new(place)),
@@ -435,5 +284,15 @@ impl Checked {
             lights: self.lights,
             transport: self.transport,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_film_is_as_large_as_its_estimate() {
+        assert!(BYTES_PER_PIXEL >= size_of::<crate::film::Pixel>() as u64 + 56);
     }
 }

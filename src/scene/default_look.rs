@@ -235,9 +235,8 @@ pub fn describe(
     let header = format!(
         "Default look of {file_name}. File names are relative to this file.\n\
          density: {why}\n\
-         up: {}\n\
-         scale: mean optical thickness {MEAN_OPTICAL_THICKNESS} along the view",
-        up_why,
+         up: {up_why}\n\
+         scale: mean optical thickness {MEAN_OPTICAL_THICKNESS} along the view"
     );
     let name = PathBuf::from(format!("default look of {file_name}"));
     SceneFile::parse(&name, write::to_toml(&desc, &header))
@@ -281,7 +280,11 @@ fn lights(axes: &Axes) -> Vec<Spanned<LightDesc>> {
 /// Rounds to a thousandth of `size`, so that the scene file is pleasant to read.
 fn placed_vector(v: DVec3, size: f64) -> Spanned<[f64; 3]> {
     // In f64 there is no size whose logarithm leaves -324..=308.
-    #[expect(clippy::cast_possible_truncation, reason = "small")]
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "in 0..=300; NaN becomes 0"
+    )]
     let digits = (3.0 - size.log10().floor()).clamp(0.0, 300.0) as usize;
     unplaced(v.to_array().map(|x| {
         let rounded = format!("{x:.digits$}").parse().unwrap_or(x);

@@ -183,7 +183,7 @@ pub enum LightKind {
 pub struct RenderDesc {
     /// Samples a pixel.
     pub spp: Spanned<u32>,
-    /// Seed of all random streams; TOML's integers end at 2⁶³ − 1.
+    /// Seed of all random streams, all 64 bits of it: the reader takes more than TOML promises.
     pub seed: Spanned<u64>,
     /// Frame number: other frames get other noise.
     pub frame: i32,

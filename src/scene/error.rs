@@ -58,7 +58,8 @@ pub struct DescriptionError {
     pub path: PathBuf,
     /// Its whole text.
     pub text: String,
-    /// The bytes of `text` that are wrong; empty where the error is about the whole file.
+    /// The bytes of `text` that are wrong; `0..0` where the error is about the whole file or a
+    /// default.
     pub span: Range<usize>,
     /// What was found.
     pub message: String,
@@ -87,6 +88,9 @@ impl SceneError {
     }
 }
 
+/// The outcome of a check; boxed, since the error carries the whole text.
+pub(super) type Check<T> = Result<T, Box<DescriptionError>>;
+
 /// The text that errors refer to.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Source {
@@ -101,15 +105,15 @@ impl Source {
         span: Range<usize>,
         message: impl Into<String>,
         expected: impl Into<String>,
-    ) -> DescriptionError {
-        DescriptionError {
+    ) -> Box<DescriptionError> {
+        Box::new(DescriptionError {
             path: self.path.clone(),
             text: self.text.clone(),
             span,
             message: message.into(),
             expected: Some(expected.into()),
             help: None,
-        }
+        })
     }
 
     /// Turns an error of the TOML reader into ours, with the nearest known key as help.
@@ -119,7 +123,7 @@ impl Source {
             path: self.path.clone(),
             text: self.text.clone(),
             span: error.span().unwrap_or(0..0),
-            message: message.to_owned(),
+            message: in_plain_words(message),
             expected: None,
             help: nearest_in(message),
         }
@@ -128,6 +132,22 @@ impl Source {
     pub(super) fn folder(&self) -> &Path {
         self.path.parent().unwrap_or(Path::new(""))
     }
+}
+
+/// Replaces the names of Rust's types at the end of serde's "invalid type: …, expected u32".
+fn in_plain_words(message: &str) -> String {
+    const WORDS: [(&str, &str); 4] = [
+        ("u32", "a whole number from 0 to 4294967295"),
+        ("u64", "a whole number from 0 to 18446744073709551615"),
+        ("i32", "a whole number of 32 bit"),
+        ("f64", "a number"),
+    ];
+    for (rust, words) in WORDS {
+        if let Some(start) = message.strip_suffix(&format!("expected {rust}")) {
+            return format!("{start}expected {words}").replace(" as i128", "");
+        }
+    }
+    message.to_owned()
 }
 
 /// Suggests the nearest name in serde's "unknown field `x`, expected one of `a`, `b`".

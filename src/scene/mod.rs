@@ -12,11 +12,13 @@
 //! Every number is checked here, once; whatever follows may rely on it.
 
 mod check;
+mod check_light;
 pub mod default_look;
 pub mod desc;
 mod error;
 mod framing;
 mod load;
+mod value;
 mod write;
 
 pub use check::{Checked, MAX_RESOLUTION};

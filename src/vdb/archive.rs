@@ -5,13 +5,14 @@
 //!        │ metadata │ grid count u32 │ grids …
 //! ```
 //!
-//! [`Archive::open`] walks all of that with checks and decodes nothing: about 0.05 s for
-//! 120,000 leaves. Grids that cannot be loaded are listed with the reason and do not stand in
+//! [`Archive::open`] walks all of that with checks and decodes nothing: 0.02 to 0.04 s
+//! for 43,000 leaves. Grids that cannot be loaded are listed with the reason and do not stand in
 //! the way of others. Damage anywhere makes the whole file an error: a truncated frame should
 //! be noticed, not rendered in part.
 
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 use super::cursor::Cursor;
 use super::error::{Damage, VdbError};
@@ -33,6 +34,7 @@ pub struct Archive {
     grids: Vec<GridInfo>,
     trees: Vec<GridTree>,
     unreachable_grid_count: u32,
+    walk_seconds: f64,
 }
 
 /// A grid's own walked tree, and the index of the grid whose tree it uses (mostly its own).
@@ -48,11 +50,12 @@ impl Archive {
     /// # Errors
     /// If the file cannot be read, is not a .vdb file of version 222 to 225, or is damaged.
     pub fn open(path: &Path) -> Result<Self, VdbError> {
+        let start = Instant::now();
         let bytes = Bytes::map(path).map_err(|source| VdbError::Io {
             path: path.to_owned(),
             source,
         })?;
-        Self::walk(path.to_owned(), bytes)
+        Self::walk(path.to_owned(), bytes, start)
     }
 
     /// Walks a file that is already in memory; `name` stands for its path in messages.
@@ -60,7 +63,7 @@ impl Archive {
     /// # Errors
     /// As [`Archive::open`].
     pub fn from_bytes(name: impl Into<PathBuf>, bytes: Vec<u8>) -> Result<Self, VdbError> {
-        Self::walk(name.into(), Bytes::Owned(bytes))
+        Self::walk(name.into(), Bytes::Owned(bytes), Instant::now())
     }
 
     /// Returns the path the file was opened by.
@@ -83,6 +86,11 @@ impl Archive {
     /// Not zero only for files without grid offsets (streams) that hold a refused grid.
     pub fn unreachable_grid_count(&self) -> u32 {
         self.unreachable_grid_count
+    }
+
+    /// Returns the wall seconds that opening and walking took.
+    pub fn walk_seconds(&self) -> f64 {
+        self.walk_seconds
     }
 
     /// Returns the index of the grid called `name`.
@@ -144,7 +152,7 @@ impl Archive {
         }
     }
 
-    fn walk(path: PathBuf, bytes: Bytes) -> Result<Self, VdbError> {
+    fn walk(path: PathBuf, bytes: Bytes, start: Instant) -> Result<Self, VdbError> {
         let damaged = |grid: Option<String>, damage| VdbError::Damaged {
             path: path.clone(),
             grid,
@@ -202,6 +210,7 @@ impl Archive {
             grids,
             trees,
             unreachable_grid_count,
+            walk_seconds: start.elapsed().as_secs_f64(),
             bytes,
         })
     }

@@ -1,0 +1,108 @@
+//! The scenes that the project carries, rendered small: whole, bright where they should be, and
+//! in the white furnace white.
+
+use std::path::{Path, PathBuf};
+use std::sync::atomic::AtomicBool;
+
+use majorant::integrator::IntegratorKind;
+use majorant::phase::Phase;
+use majorant::render::{NoProgress, Rendered, render};
+use majorant::scene::{LoadOptions, Scene, SceneFile};
+use majorant::spectrum::Rgb;
+
+fn scenes() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scenes");
+    let entries = std::fs::read_dir(folder).expect("data/scenes is part of the project");
+    let mut paths: Vec<_> = entries.map(|e| e.expect("listed").path()).collect();
+    paths.sort();
+    paths
+}
+
+fn load(path: &Path) -> Scene {
+    let file = SceneFile::read(path).expect("a scene of ours is right");
+    let options = LoadOptions::default();
+    let checked = file
+        .check(options.max_memory_bytes)
+        .expect("a scene of ours is right");
+    let volume = checked
+        .load_volume(&options, &mut |_| {})
+        .expect("its volume loads");
+    checked.into_scene(&volume)
+}
+
+fn run(scene: &Scene) -> Rendered {
+    let rendered = render(scene, &NoProgress, &AtomicBool::new(false));
+    assert!(rendered.complete, "nobody cancelled");
+    assert_eq!(rendered.counts.bound_violations, 0, "bounds hold");
+    assert_eq!(
+        rendered.counts.non_finite_samples, 0,
+        "all samples are finite"
+    );
+    rendered
+}
+
+#[test]
+fn every_scene_renders() {
+    let paths = scenes();
+    assert!(paths.len() >= 5, "{paths:?}");
+    for path in paths {
+        let scene = Scene {
+            width: 48,
+            height: 27,
+            spp: 4,
+            ..load(&path)
+        };
+        let rendered = run(&scene);
+        let hit = rendered
+            .film
+            .pixels()
+            .iter()
+            .filter(|p| p.hit_count > 0)
+            .count();
+        let share = hit as f64 / rendered.film.pixels().len() as f64;
+        assert!(
+            (0.05..0.95).contains(&share),
+            "{path:?} is framed badly: {share} sees it"
+        );
+        let (mean, _) = rendered.film.mean();
+        assert!(
+            mean.iter().all(|c| (0.02..3.0).contains(c)),
+            "{path:?} is badly lit: {mean:?}"
+        );
+    }
+}
+
+/// Albedo 1 in a sky of 1 shows 1 in every pixel: no path is lost in a real cloud or smoke.
+#[test]
+fn real_volumes_are_white_in_the_white_furnace() {
+    for (name, scale) in [("cloud.toml", 84.0), ("smoke.toml", 21.7)] {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+            .join("data/scenes")
+            .join(name);
+        for g in [0.0, 0.85] {
+            for integrator in [IntegratorKind::Analog, IntegratorKind::Path] {
+                let mut scene = Scene {
+                    width: 32,
+                    height: 18,
+                    spp: 4,
+                    ..load(&path)
+                };
+                let medium = scene.medium.expect("a volume");
+                let phase = Phase::HenyeyGreenstein { g };
+                scene.medium = Some(medium.with_optics(scale, Rgb::WHITE, phase));
+                scene.lights.distant.clear();
+                scene.lights.environment = Rgb::WHITE;
+                scene.transport.integrator = integrator;
+                let (mean, error) = run(&scene).film.mean();
+                for c in 0..3 {
+                    let off = (mean[c] - 1.0).abs();
+                    assert!(
+                        off <= 4.0 * error[c] + 1e-12,
+                        "{name}, g {g}: {mean:?} ± {error:?}"
+                    );
+                    assert!(error[c] < 2e-3, "{name}, g {g}: standard error {error:?}");
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! The scene format: the documented example and defaults are true, and written scenes read back.
+
+use std::path::Path;
+
+use majorant::scene::SceneFile;
+use majorant::scene::desc::{
+    CameraDesc, DensityDesc, ImageDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, SceneDesc,
+    VolumeDesc,
+};
+use toml::Spanned;
+
+const MINIMAL: &str = "[camera]\nposition = [0, -3, 0]\nlook_at = [0, 0, 0]\n\
+                       [[volume]]\nfile = \"a.vdb\"\n";
+
+fn documentation() -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/scene-format.md");
+    std::fs::read_to_string(path).expect("the page is part of the project")
+}
+
+fn example() -> String {
+    let page = documentation();
+    let start = page.find("```toml\n").expect("the page has an example") + "```toml\n".len();
+    let length = page[start..].find("```").expect("the example ends");
+    page[start..start + length].to_owned()
+}
+
+fn parse(text: &str) -> SceneFile {
+    SceneFile::parse(Path::new("scene.toml"), text.to_owned()).expect("the scene is right")
+}
+
+#[test]
+fn the_documented_example_is_a_valid_scene() {
+    let file = parse(&example());
+    file.check(1 << 30).expect("the example is right");
+    let SceneDesc { volume, light, .. } = &file.desc;
+    assert_eq!(*volume[0].get_ref().density.scale.get_ref(), 84.0);
+    let kinds: Vec<_> = light.iter().map(|l| l.get_ref().kind).collect();
+    assert_eq!(kinds, [LightKind::Distant, LightKind::Constant]);
+}
+
+/// Returns the documented default of `key`, as the text between backticks.
+fn documented(page: &str, key: &str) -> String {
+    let row = page
+        .lines()
+        .find(|l| l.starts_with(&format!("| `{key}` |")));
+    let row = row.unwrap_or_else(|| panic!("{key} is not documented"));
+    let cell = row.split('|').nth(2).expect("the table has columns").trim();
+    cell.trim_matches('`').to_owned()
+}
+
+#[test]
+fn documented_defaults_are_those_of_the_code() {
+    let page = documentation();
+    let SceneDesc {
+        image: ImageDesc { resolution },
+        camera:
+            CameraDesc {
+                up,
+                vertical_fov_degrees,
+                position: _,
+                look_at: _,
+            },
+        volume,
+        light: _,
+        render:
+            RenderDesc {
+                spp,
+                seed,
+                frame,
+                integrator,
+                max_bounces,
+            },
+    } = parse(MINIMAL).desc;
+    let VolumeDesc {
+        file: _,
+        density: DensityDesc { grid, scale },
+        albedo,
+        phase,
+    } = volume[0].get_ref();
+    let PhaseDesc { kind, g } = phase.get_ref();
+    assert_eq!((*kind, g), (PhaseKind::Isotropic, &None));
+    let integrator = serde_json::to_string(integrator.get_ref()).expect("an enum");
+    let shown = [
+        (
+            "image.resolution",
+            format!("{resolution:?}", resolution = resolution.get_ref()),
+        ),
+        ("camera.position", "required".to_owned()),
+        ("camera.look_at", "required".to_owned()),
+        ("camera.up", format!("{:?}", up.get_ref())),
+        (
+            "camera.vertical_fov_degrees",
+            format!("{:?}", vertical_fov_degrees.get_ref()),
+        ),
+        ("volume.file", "required".to_owned()),
+        ("volume.density.grid", format!("{:?}", grid.get_ref())),
+        ("volume.density.scale", format!("{:?}", scale.get_ref())),
+        ("volume.albedo", format!("{:?}", albedo.get_ref())),
+        ("volume.phase.type", "\"isotropic\"".to_owned()),
+        ("volume.phase.g", "none".to_owned()),
+        ("render.spp", spp.get_ref().to_string()),
+        ("render.seed", seed.get_ref().to_string()),
+        ("render.frame", frame.to_string()),
+        ("render.integrator", integrator),
+        (
+            "render.max_bounces",
+            max_bounces.map_or("none".to_owned(), |n| n.to_string()),
+        ),
+    ];
+    for (key, value) in shown {
+        assert_eq!(documented(&page, key), value, "{key}");
+    }
+}
+
+#[test]
+fn written_scenes_read_back_equal() {
+    let mut file = parse(&example());
+    assert_eq!(parse(&file.to_toml("header")).desc, file.desc);
+    // Everything that is optional, and a name that needs escaping.
+    file.desc.render.max_bounces = Some(7);
+    file.desc.render.frame = -3;
+    file.desc.light.clear();
+    let volume = file.desc.volume[0].get_mut();
+    volume.phase = Spanned::new(0..0, PhaseDesc::default());
+    volume.file = Spanned::new(0..0, "a \"b\"\\ß.vdb".into());
+    *volume.density.scale.get_mut() = 1e-30;
+    assert_eq!(parse(&file.to_toml("two\nlines")).desc, file.desc);
+}
+
+#[test]
+fn written_scenes_are_fit_to_edit() {
+    insta::assert_snapshot!(parse(&example()).to_toml("A scene.\nTwo lines of header."));
+}
+
+#[test]
+fn the_hash_covers_the_picture_but_not_the_sample_count() {
+    let hash = |text: &str| parse(text).hash(Path::new("nowhere.vdb"));
+    let text = example();
+    let base = hash(&text);
+    assert_eq!(
+        hash(&text.replace("spp = 64", "spp = 65")),
+        base,
+        "parts of one picture"
+    );
+    assert_eq!(
+        hash(&text.replace("cloud.vdb", "elsewhere/cloud.vdb")),
+        base,
+        "moved"
+    );
+    for (from, to) in [
+        ("g = 0.85", "g = 0.84"),
+        ("seed = 0", "seed = 1"),
+        ("480", "481"),
+    ] {
+        assert_ne!(hash(&text.replace(from, to)), base, "{from} -> {to}");
+    }
+}
