@@ -1,0 +1,36 @@
+//! The named assets that the benches measure: scenes of the project's own data.
+//!
+//! Everything is part of the repository; a missing file is a panic.
+
+#![allow(dead_code, reason = "no bench uses all of it")]
+
+use std::path::Path;
+
+use majorant::grid::DensityGrid;
+use majorant::scene::{LoadOptions, Scene, SceneFile};
+use majorant::space::Aabb;
+
+/// Scenes in `data/scenes`, whose volumes are `data/<name>.vdb`: a dense cloud of scattered
+/// light, optical thickness up to 59, and a thin plume, optical thickness up to 3.
+pub(crate) const SCENES: [&str; 2] = ["cloud", "smoke"];
+
+/// Loads `data/scenes/<name>.toml` with its volume.
+pub(crate) fn scene(name: &str) -> Scene {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("data/scenes/{name}.toml"));
+    let file = SceneFile::read(&path).expect("the scene is part of the project");
+    let checked = file.check(u64::MAX).expect("the scene is valid");
+    let volume = checked
+        .load_volume(&LoadOptions::default(), &mut |_| {})
+        .expect("the volume is part of the project");
+    checked.into_scene(&volume)
+}
+
+/// The box that holds all density, in index space; its corners are multiples of 8.
+pub(crate) fn index_bounds(grid: &DensityGrid) -> Aabb {
+    let to_index = grid.transform().index_from_world();
+    let world = grid.world_bounds().expect("the assets are not empty");
+    let index = world
+        .corners()
+        .map(|p| to_index.transform_point3(p).round());
+    index.into_iter().fold(Aabb::EMPTY, Aabb::including)
+}
