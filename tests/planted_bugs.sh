@@ -7,6 +7,7 @@
 set -uo pipefail
 cd "$(dirname "$0")/.." || exit 1
 
+# The tests must pass without a bug before any counts as caught.
 # name @@ file @@ text to find @@ text to put in its place
 bugs=(
     'bound x 0.9 @@ src/medium.rs @@ s.bound.max * scale @@ s.bound.max * scale * 0.9'
@@ -27,6 +28,30 @@ bugs=(
 copy=$(mktemp -d)
 trap 'rm -rf "$copy"' EXIT
 export CARGO_TARGET_DIR=$PWD/target/planted
+run_tests() {
+    rm -rf "${copy:?}"/*
+    cp -r Cargo.toml Cargo.lock README.md src tests benches data docs "$copy"
+    [ $# = 0 ] || plant "$1" || { echo "the text to replace is not there once"; exit 1; }
+    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test grid_properties 2>&1)
+}
+plant() {
+    python3 - "$copy" "$1" <<'PY'
+import sys
+folder, bug = sys.argv[1:]
+_, path, find, put = bug.split(" @@ ")
+text = open(f"{folder}/{path}").read()
+open(f"{folder}/{path}", "w").write(text.replace(find, put))
+sys.exit(text.count(find) != 1)
+PY
+}
+failures() { sed -n 's/^test \(.*\) \.\.\. FAILED$/\1/p' <<<"$1" | sort -u | paste -sd' '; }
+
+log=$(run_tests)
+if ! grep -q '^test result: ok' <<<"$log" || [ -n "$(failures "$log")" ]; then
+    echo "without any bug: $(failures "$log")"
+    tail -20 <<<"$log"
+    exit 1
+fi
 missed=0
 for bug in "${bugs[@]}"; do
     name=${bug%% @@ *}
@@ -35,22 +60,12 @@ for bug in "${bugs[@]}"; do
         for word in "$@"; do [[ $name == *"$word"* ]] && wanted=1; done
         [ $wanted = 1 ] || continue
     fi
-    rm -rf "${copy:?}"/*
-    cp -r Cargo.toml Cargo.lock src tests data "$copy"
-    python3 - "$copy" "$bug" <<'PY' || { echo "$name: the text to replace is not there once"; exit 1; }
-import sys
-folder, bug = sys.argv[1:]
-_, path, find, put = bug.split(" @@ ")
-text = open(f"{folder}/{path}").read()
-open(f"{folder}/{path}", "w").write(text.replace(find, put))
-sys.exit(text.count(find) != 1)
-PY
-    log=$(cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test grid_properties 2>&1)
+    log=$(run_tests "$bug")
     if grep -q '^error: could not compile' <<<"$log"; then
         echo "$name: does not compile"
         exit 1
     fi
-    caught=$(sed -n 's/^test \(.*\) \.\.\. FAILED$/\1/p' <<<"$log" | sort -u | paste -sd' ')
+    caught=$(failures "$log")
     printf '%s\n    %s\n' "$name" "${caught:-MISSED}"
     [ -n "$caught" ] || missed=1
 done

@@ -142,7 +142,7 @@ fn analog_and_path_agree_on_sun_and_sky() {
                 let scene = scene(medium.clone(), lights.clone(), transport);
                 run(&Scene {
                     seed,
-                    spp: 256,
+                    spp: 512,
                     ..scene
                 })
                 .film
