@@ -18,6 +18,7 @@ use exr::prelude::{
     WritableImage as _, f16,
 };
 use glam::DMat4;
+use tempfile::NamedTempFile;
 
 use crate::film::{Film, Pixel};
 
@@ -139,14 +140,44 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), OutputError> {
     })
 }
 
-/// Fills a temporary file beside `path` by `fill`, then renames it to `path`.
+/// Finds out whether `path` can be written, before hours of work depend on it.
 ///
-/// The umask applies as for any new file: a frame that a farm's other machines cannot read is
-/// of no use.
+/// Makes the folder if it is missing and leaves nothing else behind.
+///
+/// # Errors
+/// If the folder cannot be made, no file can be made in it, or `path` is a folder itself.
+pub fn check_writable(path: &Path) -> Result<(), OutputError> {
+    if path.is_dir() {
+        let source = std::io::ErrorKind::IsADirectory.into();
+        let path = path.to_owned();
+        return Err(OutputError::Io { path, source });
+    }
+    temporary_beside(path).map(drop)
+}
+
+/// Fills a temporary file beside `path` by `fill`, then renames it to `path`.
 fn write_whole(
     path: &Path,
     fill: impl FnOnce(&mut File) -> Result<(), OutputError>,
 ) -> Result<(), OutputError> {
+    let io_error = |source| OutputError::Io {
+        path: path.to_owned(),
+        source,
+    };
+    // Removed on drop, so an error on any of the following lines leaves nothing behind.
+    let mut file = temporary_beside(path)?;
+    fill(file.as_file_mut())?;
+    file.as_file_mut().flush().map_err(io_error)?;
+    file.as_file().sync_all().map_err(io_error)?;
+    file.persist(path).map_err(|e| io_error(e.error))?;
+    Ok(())
+}
+
+/// Makes a temporary file in the folder of `path`, and the folder if it is missing.
+///
+/// The umask applies as for any new file: a frame that a farm's other machines cannot read is
+/// of no use.
+fn temporary_beside(path: &Path) -> Result<NamedTempFile, OutputError> {
     let io_error = |source| OutputError::Io {
         path: path.to_owned(),
         source,
@@ -164,13 +195,7 @@ fn write_whole(
         // The default of a temporary file is 0600; the umask is taken off this.
         builder.permissions(std::fs::Permissions::from_mode(0o666));
     }
-    // Removed on drop, so an error on any of the following lines leaves nothing behind.
-    let mut file = builder.tempfile_in(folder).map_err(io_error)?;
-    fill(file.as_file_mut())?;
-    file.as_file_mut().flush().map_err(io_error)?;
-    file.as_file().sync_all().map_err(io_error)?;
-    file.persist(path).map_err(|e| io_error(e.error))?;
-    Ok(())
+    builder.tempfile_in(folder).map_err(io_error)
 }
 
 fn channels(film: &Film) -> AnyChannels<FlatSamples> {

@@ -89,7 +89,7 @@ fn quick_does_not_decode_but_knows_the_counts() {
     let grid = &json["files"][0]["grids"][0];
     assert_eq!((&grid["min"], &grid["sum"]), (&Value::Null, &Value::Null));
     assert!(grid["active_voxel_count"].is_u64(), "{grid}");
-    assert_eq!(grid["renderable"], false, "a vector is no density");
+    assert_eq!(grid["renderable"], true, "a vector loads");
 }
 
 #[test]

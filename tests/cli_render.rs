@@ -295,6 +295,11 @@ fn an_output_that_cannot_be_written_ends_with_1_and_leaves_nothing() {
     assert_eq!(code(&majorant(&["render", &scene, "-o", &blocked])), 1);
     let left = std::fs::read_dir(folder.root()).expect("listed").count();
     assert_eq!(left, 2, "the scene and the folder");
+    let text = stderr(&run);
+    assert!(
+        !text.contains('%'),
+        "said before rendering, not after: {text}"
+    );
 }
 
 #[cfg(unix)]

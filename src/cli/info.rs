@@ -165,7 +165,7 @@ fn describe_grid(info: &GridInfo, statistics: Option<Statistics>) -> GridEntry {
         class: info.class.clone(),
         half: info.half,
         codec: info.codec.clone(),
-        renderable: info.refused.is_none() && info.background.len() == 1,
+        renderable: info.refused.is_none(),
         refused: info.refused.as_ref().map(ToString::to_string),
         active_voxel_count: info.active_voxel_count,
         active_tile_count: info.active_tile_count,

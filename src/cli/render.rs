@@ -41,6 +41,7 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
     if args.print_scene {
         return report::print(&scene_text(&file, args));
     }
+    targets.check()?;
     let hash = file.hash(checked.volume_path());
     let volume = match volume {
         Some(volume) => volume,
@@ -64,6 +65,19 @@ struct Targets {
 }
 
 impl Targets {
+    /// Finds out whether all of them can be written.
+    fn check(&self) -> Result<(), Failure> {
+        let Self {
+            image,
+            preview,
+            stats,
+        } = self;
+        let others = preview.iter().chain(stats);
+        std::iter::once(image)
+            .chain(others)
+            .try_for_each(|path| output::check_writable(path).map_err(Failure::failed))
+    }
+
     fn new(args: &RenderArgs) -> Result<Self, Failure> {
         let image = args.output.clone().unwrap_or_else(|| {
             // Not `with_extension`, which would take `cloud.0012` for a name in .0012.
