@@ -148,7 +148,7 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), OutputError> {
 /// If the folder cannot be made, no file can be made in it, or `path` is a folder itself.
 pub fn check_writable(path: &Path) -> Result<(), OutputError> {
     if path.is_dir() {
-        let source = std::io::ErrorKind::IsADirectory.into();
+        let source = io::ErrorKind::IsADirectory.into();
         let path = path.to_owned();
         return Err(OutputError::Io { path, source });
     }
