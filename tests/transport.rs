@@ -296,6 +296,55 @@ fn slabs_reflect_and_transmit_what_discrete_ordinates_say() {
     }
 }
 
+/// In the middle of a dark slab of optical thickness 8, weak paths bring a part of the light: if
+/// roulette did not raise the weight of those it spares, 6.4 % would be missing.
+#[test]
+fn weak_paths_are_not_lost() {
+    let albedo = Rgb::splat(0.6);
+    let medium = Medium::new(slab(), 8.0 / 128.0, albedo, Phase::Isotropic);
+    let lights = Lights {
+        distant: vec![],
+        environment: Rgb::WHITE,
+    };
+    let measure = |integrator, seed| {
+        let settings = TransportSettings {
+            integrator,
+            max_bounces: None,
+        };
+        let context = Context::new(Some(&medium), &lights, settings);
+        let origin = DVec3::new(2048.0, 2048.0, 64.0);
+        let ray = Ray {
+            origin,
+            direction: DVec3::X,
+        };
+        let n = 1_600_000;
+        let (mut sum, mut square) = (0.0, 0.0);
+        let mut counts = Counts::default();
+        for sample in 0..n {
+            let key = StreamKey {
+                seed,
+                sample,
+                ..StreamKey::default()
+            };
+            let mut stream = Stream::new(key);
+            let sample = context.sample_radiance(ray, &mut stream, &mut counts);
+            let x = f64::from(sample.radiance.0[0]);
+            sum += x;
+            square += x * x;
+        }
+        let n = n as f64;
+        (sum / n, ((square / n - (sum / n).powi(2)) / n).sqrt())
+    };
+    let (analog, analog_error) = measure(IntegratorKind::Analog, 1);
+    let (path, path_error) = measure(IntegratorKind::Path, 2);
+    let error = analog_error.hypot(path_error);
+    let z = (analog - path) / error;
+    let power = 5.0 * error / analog;
+    println!("analog {analog:.5}, path {path:.5}, z {z:+.2}, smallest bias seen {power:.1e}");
+    assert!(z.abs() < 5.0, "analog {analog}, path {path} ± {error}");
+    assert!(power < 0.05, "this test cannot see a bias of 5 %");
+}
+
 #[test]
 fn images_are_the_same_bits_for_any_number_of_threads() {
     let sun = DistantLight::new(DVec3::Z, Rgb::WHITE, 0.01).expect("a sun");

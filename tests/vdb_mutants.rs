@@ -1,7 +1,7 @@
 //! Damaged files never panic, abort, hang or crash the loader.
 //!
 //! Each mutant (bytes flipped, set or cut off, in header, topology or payload) is loaded by
-//! `examples/vdb_load` in a process of its own, in a 2 GiB address space and 20 s. The quick
+//! `vdb_support/vdb_load` in a process of its own, in a 2 GiB address space and 20 s. The quick
 //! run takes the fixtures; the full run of 2,000 mutants takes matrix and real files as well:
 //!
 //! ```text
