@@ -183,8 +183,8 @@ fn sixty_mutants_of_the_fixtures_end_cleanly() {
 }
 
 #[test]
-#[ignore = "2,000 processes; wants a release build of the loader"]
-fn two_thousand_mutants_end_cleanly() {
+#[ignore = "2,000 processes; half a minute"]
+fn slow_two_thousand_mutants_end_cleanly() {
     let mut files = vdb_files("tests/fixtures/vdb");
     let small = |p: &PathBuf| fs::metadata(p).is_ok_and(|m| m.len() < 1 << 20);
     files.extend(vdb_files("../shared/vdb-matrix").into_iter().filter(small));
