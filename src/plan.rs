@@ -42,7 +42,7 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
         ..
     } = scene;
     match transport.integrator {
-        IntegratorKind::Path => add("path integrator", "suns are sampled at every scattering"),
+        IntegratorKind::Path => add("path integrator", "suns are sampled where they can matter"),
         IntegratorKind::Analog => add("analog integrator", "asked for; no light is sampled"),
     }
     match (lights.distant.len(), transport.integrator) {

@@ -102,18 +102,14 @@ impl Stream {
 
 /// Draws a direction uniformly within `half_angle` of the unit vector `axis`.
 ///
-/// `one_minus_cos_max` is `1 − cos(half_angle)`. The density is [`pdf_cone`].
+/// `one_minus_cos_max` is `1 − cos(half_angle)`. The density is one over the
+/// solid angle, `2π · one_minus_cos_max`.
 pub fn sample_cone(axis: DVec3, one_minus_cos_max: f64, stream: &mut Stream) -> DVec3 {
     let x = f64::from(stream.uniform()) * one_minus_cos_max;
     let sin = (x * (2.0 - x)).sqrt();
     let (sin_phi, cos_phi) = (std::f64::consts::TAU * f64::from(stream.uniform())).sin_cos();
     let (s, t) = orthonormal_frame(axis);
     s * (sin * cos_phi) + t * (sin * sin_phi) + axis * (1.0 - x)
-}
-
-/// Returns the density per steradian of [`sample_cone`].
-pub fn pdf_cone(one_minus_cos_max: f64) -> f64 {
-    1.0 / (std::f64::consts::TAU * one_minus_cos_max)
 }
 
 #[cfg(test)]

@@ -27,11 +27,6 @@ impl Rgb {
         self.0[0].max(self.0[1]).max(self.0[2])
     }
 
-    /// Returns the Rec. 709 luminance.
-    pub fn luminance(self) -> f32 {
-        0.2126 * self.0[0] + 0.7152 * self.0[1] + 0.0722 * self.0[2]
-    }
-
     /// Returns whether all channels are zero.
     pub fn is_black(self) -> bool {
         self.0 == [0.0; 3]

@@ -24,7 +24,7 @@ use crate::phase::Phase;
 use crate::sampling::Stream;
 use crate::space::orthonormal_frame;
 
-/// Directions that are drawn to keep one: sixteen cost a tenth of the frame's time.
+/// Directions that are drawn to keep one.
 const CANDIDATES: usize = 16;
 
 /// Mean cosine of the importance lobe over that of the phase function: light that arrives

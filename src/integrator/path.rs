@@ -8,7 +8,7 @@
 //!
 //! Absorption multiplies the weight by the albedo; nothing else ends a path but leaving and
 //! roulette below [`ROULETTE_WEIGHT`]. There is no cap on the number of bounces unless the
-//! scene asks for one: a cap of 8 loses 13 % of the light of a cloud of optical thickness 9.
+//! scene asks for one.
 //!
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
