@@ -96,3 +96,4 @@ pub mod spectrum;
 pub mod stats;
 pub mod tracking;
 pub mod vdb;
+pub mod verify;

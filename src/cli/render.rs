@@ -110,7 +110,7 @@ impl Targets {
     }
 }
 
-fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
+pub(super) fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
     // Slurm confines a task by this number where it does not by affinity.
     let slurm = || std::env::var("SLURM_CPUS_PER_TASK").ok()?.parse().ok();
     let count = asked.or_else(slurm).unwrap_or(0);
