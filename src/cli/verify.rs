@@ -67,7 +67,7 @@ fn measure(checks: &[Check]) -> Vec<Row> {
 }
 
 /// Columns of a row's name.
-const NAME: usize = 52;
+const NAME: usize = 56;
 
 fn table(rows: &[Row]) -> String {
     let mut out = String::new();

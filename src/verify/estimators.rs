@@ -1,54 +1,92 @@
-//! stub
-use crate::medium::Medium;
-use crate::sampling::Stream;
-use crate::space::Ray;
-use crate::stats::Counts;
+//! All estimators by name, with every kind of bound.
 
-#[derive(Clone, Copy)]
-pub(super) struct Tracking;
-impl Tracking {
-    #[allow(clippy::unused_self)]
-    pub(super) fn sample_collision(
-        &self,
-        medium: &Medium,
-        ray: &Ray,
-        t_max: f64,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> Option<f64> {
-        crate::tracking::sample_collision(medium.ray(ray, t_max), stream, counts)
-    }
-    #[allow(clippy::unused_self)]
-    pub(super) fn estimate_transmittance(
-        &self,
-        medium: &Medium,
-        ray: &Ray,
-        t_max: f64,
-        roulette_weight: f32,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> f32 {
-        crate::tracking::estimate_transmittance(
-            medium.ray(ray, t_max),
-            roulette_weight,
-            stream,
-            counts,
-        )
-    }
-}
+use crate::medium::Segments;
+use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
+
+/// Bounds to be tested; the automatic one is one of these.
+const BOUNDS: [BoundsKind; 3] = [BoundsKind::Global, BoundsKind::Brick, BoundsKind::Hierarchy];
+
+/// Tentative collisions for each unit of the bound, where the rate is not 1.
+const HIGH_RATE: f32 = 2.5;
+
+/// A way to track rays, and what to call it.
+#[derive(Clone, Debug)]
 pub(super) struct Estimator {
     pub(super) name: String,
     pub(super) tracking: Tracking,
 }
+
+/// All estimators of distances in media that are not homogeneous.
 pub(super) fn distance_estimators() -> Vec<Estimator> {
-    vec![Estimator {
-        name: "delta".into(),
-        tracking: Tracking,
-    }]
+    use DistanceEstimator as D;
+    let mut all = Vec::new();
+    for distance in [D::Delta, D::Decomposition, D::Auto] {
+        let tracking = Tracking {
+            distance,
+            ..Tracking::default()
+        };
+        with_bounds(&mut all, distance.name(), tracking);
+    }
+    all.push(Estimator {
+        name: D::Regular.name().to_owned(),
+        tracking: Tracking {
+            distance: D::Regular,
+            ..Tracking::default()
+        },
+    });
+    all
 }
+
+/// All unbiased estimators of transmittance in media that are not homogeneous.
 pub(super) fn transmittance_estimators() -> Vec<Estimator> {
-    vec![Estimator {
-        name: "ratio".into(),
-        tracking: Tracking,
-    }]
+    use TransmittanceEstimator as E;
+    let mut all = Vec::new();
+    for transmittance in [E::Ratio, E::ResidualRatio, E::Auto] {
+        let tracking = Tracking {
+            transmittance,
+            ..Tracking::default()
+        };
+        with_bounds(&mut all, transmittance.name(), tracking);
+    }
+    // Exact has no bound, and delta tracking a variance that does not depend on it.
+    for transmittance in [E::Delta, E::Exact] {
+        all.push(Estimator {
+            name: transmittance.name().to_owned(),
+            tracking: Tracking {
+                transmittance,
+                ..Tracking::default()
+            },
+        });
+    }
+    all
 }
+
+/// Adds an estimator with each kind of bound, and once at a rate above its bound.
+fn with_bounds(all: &mut Vec<Estimator>, name: &str, tracking: Tracking) {
+    for bounds in BOUNDS {
+        all.push(Estimator {
+            name: format!("{name} {bounds}"),
+            tracking: Tracking { bounds, ..tracking },
+        });
+    }
+    all.push(Estimator {
+        name: format!("{name} rate {HIGH_RATE}"),
+        tracking: Tracking {
+            bounds: BoundsKind::Brick,
+            rate: HIGH_RATE,
+            ..tracking
+        },
+    });
+}
+
+/// The segments that an estimator with these bounds cuts rays into.
+pub(super) fn segments(bounds: BoundsKind) -> Segments {
+    match bounds {
+        BoundsKind::Global => Segments::Whole,
+        BoundsKind::Brick => Segments::Bricks,
+        BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+    }
+}
+
+/// What the trackers use: a second copy, so that a variance which changes with it is noticed.
+const MERGED_DEPTH: f32 = 2.0;

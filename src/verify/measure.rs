@@ -59,7 +59,7 @@ impl Moments {
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Seen {
     pub(super) counts: Counts,
-    /// Segments and collisions of the sample that had most of them.
+    /// Segments, collisions and voxel cells of the sample that had most of them.
     pub(super) worst_steps: u64,
     /// Samples that were not finite; they are left out of the moments.
     pub(super) non_finite: u64,
@@ -68,9 +68,8 @@ pub(super) struct Seen {
 impl Seen {
     /// Adds what one ray or path did.
     pub(super) fn add(&mut self, counts: &Counts) {
-        self.worst_steps = self
-            .worst_steps
-            .max(counts.segments + counts.tentative_collisions);
+        let steps = counts.segments + counts.tentative_collisions + counts.voxel_cells;
+        self.worst_steps = self.worst_steps.max(steps);
         self.counts.add(counts);
     }
 

@@ -18,6 +18,7 @@
 //! ```
 
 mod estimators;
+mod flight;
 mod furnace;
 mod measure;
 mod oracle;
@@ -25,6 +26,7 @@ mod paths;
 mod row;
 mod scattering;
 mod slabs;
+mod stiff;
 mod symmetry;
 mod volumes;
 
@@ -47,8 +49,36 @@ pub enum Suite {
     Stiff,
 }
 
-/// What a check adds its rows to.
-type Rows = Vec<Row>;
+/// What a check adds its rows to, and where its seeds come from.
+struct Rows {
+    rows: Vec<Row>,
+    seed: u64,
+}
+
+impl Rows {
+    /// Starts with seeds that belong to this check alone.
+    fn new(check: &Check) -> Self {
+        // FNV-1a: any function of the name would do that is the same everywhere.
+        let name = format!("{check:?}");
+        let seed = name.bytes().fold(0xcbf2_9ce4_8422_2325_u64, |hash, byte| {
+            (hash ^ u64::from(byte)).wrapping_mul(0x0100_0000_01b3)
+        });
+        Self {
+            rows: Vec::new(),
+            seed,
+        }
+    }
+
+    fn push(&mut self, row: Row) {
+        self.rows.push(row);
+    }
+
+    /// Returns a seed for one more measurement: rows of one check are independent.
+    fn seed(&mut self) -> u64 {
+        self.seed = self.seed.wrapping_add(1);
+        self.seed
+    }
+}
 
 /// Something to measure, which gives one or more rows.
 pub struct Check {
@@ -99,12 +129,13 @@ impl Check {
     /// From milliseconds to some seconds of one thread.
     pub fn run(&self) -> Vec<Row> {
         let start = Instant::now();
-        let mut rows = Rows::new();
+        let mut rows = Rows::new(self);
         // A broken invariant is a panic; here it is what the suite is looking for.
         if catch_unwind(AssertUnwindSafe(|| (self.measure)(&mut rows))).is_err() {
             let row = Row::exact("", 0.0, 1.0, &Seen::default());
             rows.push(row.demanding(false, "the check panicked"));
         }
+        let mut rows = rows.rows;
         let seconds = start.elapsed().as_secs_f64();
         for row in &mut rows {
             row.group = self.group.name;
@@ -122,12 +153,13 @@ pub fn checks(suite: Suite) -> Vec<Check> {
     let mut out = Vec::new();
     match suite {
         Suite::Conformance => {
+            flight::checks(&mut out);
             scattering::checks(&mut out);
             slabs::checks(&mut out);
             furnace::checks(&mut out);
             symmetry::checks(&mut out);
         }
-        Suite::Stiff => {}
+        Suite::Stiff => stiff::checks(&mut out),
     }
     out
 }

@@ -32,6 +32,7 @@ pub(super) fn transport(integrator: IntegratorKind, max_bounces: Option<u32>) ->
     TransportSettings {
         integrator,
         max_bounces,
+        ..TransportSettings::default()
     }
 }
 

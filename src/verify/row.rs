@@ -45,7 +45,7 @@ pub struct Row {
     pub z: Option<f64>,
     /// The relative bias that would have made the row fail; `None` where nothing is expected.
     pub smallest_bias_seen: Option<f64>,
-    /// Segments and collisions of the ray or path that had most of them.
+    /// Segments, collisions and voxel cells of the ray or path that had most of them.
     pub worst_steps: u64,
     /// How many it may have; `None` where steps are not what the row is about.
     pub steps_limit: Option<u64>,

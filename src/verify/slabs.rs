@@ -42,9 +42,9 @@ pub(super) fn checks(out: &mut Vec<Check>) {
             (Incidence::Diffuse, IntegratorKind::Analog),
             (Incidence::Normal, IntegratorKind::Path),
         ] {
-            // Next-event estimation costs five times as much a bounce: three rows of it.
-            let thick = row.tau * (1.0 - row.g) > 3.0;
-            if integrator == IntegratorKind::Path && thick {
+            // Next-event estimation costs five times as much a bounce, and a peaked phase
+            // function towards half a sky of light makes it noisy: the two thinnest slabs.
+            if integrator == IntegratorKind::Path && row.tau > 2.0 {
                 continue;
             }
             let name = format!(
@@ -59,16 +59,12 @@ pub(super) fn checks(out: &mut Vec<Check>) {
             }));
         }
     }
-    for (i, (mu, mu_0)) in [(1.0, 1.0), (0.5, 1.0), (0.25, 0.5)]
-        .into_iter()
-        .enumerate()
-    {
-        let seed = 40 + i as u64;
+    for (mu, mu_0) in [(1.0, 1.0), (0.5, 1.0), (0.25, 0.5)] {
         out.push(Check::new(
             &HALF_SPACE,
             format!("radiance mu {mu} mu0 {mu_0}"),
             move |rows| {
-                half_space_radiance(rows, seed, mu, mu_0);
+                half_space_radiance(rows, mu, mu_0);
             },
         ));
     }
@@ -81,7 +77,7 @@ pub(super) fn checks(out: &mut Vec<Check>) {
             },
         ));
     }
-    for tau in [10.0_f32, 32.0] {
+    for tau in [10.0_f32, 20.0] {
         out.push(Check::new(
             &DIFFUSION,
             format!("T of diffuse light, tau {tau}"),
@@ -94,8 +90,8 @@ pub(super) fn checks(out: &mut Vec<Check>) {
                     &Shot {
                         incidence: Incidence::Diffuse,
                         integrator: IntegratorKind::Analog,
-                        seed: 60,
-                        n: 250_000,
+                        seed: rows.seed(),
+                        n: 100_000,
                     },
                 );
                 let expected = oracle::thick_transmittance(f64::from(tau));
@@ -108,17 +104,17 @@ pub(super) fn checks(out: &mut Vec<Check>) {
         &DIFFUSION,
         "spherical albedo by similarity, g 0.85",
         |rows| {
-            let albedo = [0.9, 0.99, 0.999];
+            let albedo = [0.8, 0.9, 0.99];
             let measured = lit(
                 &volumes::slab(),
-                (0.85, 256.0),
+                (0.85, 64.0),
                 Rgb(albedo),
                 DVec3::Z,
                 &Shot {
                     incidence: Incidence::Diffuse,
                     integrator: IntegratorKind::Analog,
-                    seed: 61,
-                    n: 60_000,
+                    seed: rows.seed(),
+                    n: 40_000,
                 },
             );
             for (w, moments) in albedo.into_iter().zip(&measured.moments) {
@@ -206,9 +202,9 @@ fn finite_slab(
     // The number of bounces grows as 2τ.
     let bounces = 4.0 + 2.0 * row.tau;
     let work = if integrator == IntegratorKind::Path {
-        2e6
+        1.5e6
     } else {
-        7e6
+        4e6
     };
     #[expect(
         clippy::cast_possible_truncation,
@@ -217,11 +213,11 @@ fn finite_slab(
     )]
     let n = (work / bounces) as u64;
     let channel = |i: usize| albedo[i.min(albedo.len() - 1)];
-    for (name, zenith, seed) in [("R", DVec3::Z, 50), ("T", DVec3::NEG_Z, 51)] {
+    for (name, zenith) in [("R", DVec3::Z), ("T", DVec3::NEG_Z)] {
         let shot = Shot {
             incidence,
             integrator,
-            seed,
+            seed: rows.seed(),
             n,
         };
         let colours = Rgb([channel(0), channel(1), channel(2)]);
@@ -243,10 +239,14 @@ fn finite_slab(
     }
 }
 
-/// So thick that nothing of albedo 0.99 or less comes back from below; 1 has its own formula.
-const THICK: f32 = 64.0;
+/// So thick that of albedo 0.99 or less nothing comes back from below: e^(−2 · 48 · 0.173) is 6e-8.
+const THICK: f32 = 48.0;
+/// The same for 0.999.
+const VERY_THICK: f32 = 256.0;
+/// Thick enough for the formula for albedo 1, which leaves out e^−16, and for 0.8.
+const CONSERVATIVE: f32 = 16.0;
 
-fn half_space_radiance(rows: &mut Rows, seed: u64, mu: f64, mu_0: f64) {
+fn half_space_radiance(rows: &mut Rows, mu: f64, mu_0: f64) {
     let slab = volumes::slab();
     // The camera looks along −μ, and the sun stands on the other side, a quarter turn away.
     let direction = DVec3::new((1.0 - mu * mu).sqrt(), 0.0, -mu);
@@ -257,14 +257,12 @@ fn half_space_radiance(rows: &mut Rows, seed: u64, mu: f64, mu_0: f64) {
         origin: TOP,
         direction,
     };
-    // 0.999 reaches four times as deep: k = 0.0547, and e^(−2 · 256 k) is 1e-12.
     for (tau, albedo, n) in [
-        (THICK, [0.5, 0.9, 0.99], 150_000),
-        (THICK, [1.0, 0.8, 0.0], 50_000),
-        (4.0 * THICK, [0.999, 0.0, 0.0], 50_000),
+        (THICK, [0.5, 0.9, 0.99], 60_000),
+        (CONSERVATIVE, [1.0, 0.8, 0.0], 60_000),
     ] {
         let medium = slab.medium(tau, Rgb(albedo), phase(0.0));
-        let measured = paths::radiance(&medium, &lights, settings, (seed, n), camera);
+        let measured = paths::radiance(&medium, &lights, settings, (rows.seed(), n), camera);
         for (i, &w) in albedo.iter().enumerate().filter(|&(_, &w)| w > 0.0) {
             let h = HFunction::new(f64::from(w));
             let expected = if w == 1.0 {
@@ -286,20 +284,27 @@ fn half_space_radiance(rows: &mut Rows, seed: u64, mu: f64, mu_0: f64) {
 /// A white sky shows a half-space as bright as it reflects.
 fn half_space_albedos(rows: &mut Rows, integrator: IntegratorKind) {
     let slab = volumes::slab();
-    for (what, incidence, seed) in [
-        ("plane albedo", Incidence::Normal, 45),
-        ("spherical albedo", Incidence::Diffuse, 46),
+    for (what, incidence) in [
+        ("plane albedo", Incidence::Normal),
+        ("spherical albedo", Incidence::Diffuse),
     ] {
         for (tau, albedo, n) in [
-            (THICK, [0.5, 0.9, 0.99], 400_000),
-            (4.0 * THICK, [0.999, 0.0, 0.0], 40_000),
+            (THICK, [0.5, 0.9, 0.99], 60_000),
+            (VERY_THICK, [0.999, 0.0, 0.0], 10_000),
         ] {
+            // Weights keep paths going for thousands of bounces where analog ones are absorbed.
+            if tau == VERY_THICK && integrator == IntegratorKind::Path {
+                continue;
+            }
             let medium = slab.medium(tau, Rgb(albedo), phase(0.0));
             let settings = transport(integrator, None);
-            let measured =
-                paths::radiance(&medium, &sky(Rgb::WHITE), settings, (seed, n), |stream| {
-                    incidence.ray(stream)
-                });
+            let measured = paths::radiance(
+                &medium,
+                &sky(Rgb::WHITE),
+                settings,
+                (rows.seed(), n),
+                |stream| incidence.ray(stream),
+            );
             for (i, &w) in albedo.iter().enumerate().filter(|&(_, &w)| w > 0.0) {
                 let h = HFunction::new(f64::from(w));
                 let expected = match incidence {

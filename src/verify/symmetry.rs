@@ -121,14 +121,14 @@ fn reciprocity(rows: &mut Rows, g: f32) {
         &medium,
         &only([sun(to_sun)]),
         settings,
-        (80, 150_000),
+        (rows.seed(), 400_000),
         |stream| bundle(look, stream),
     );
     let back = paths::radiance(
         &medium,
         &only([sun(-look)]),
         settings,
-        (81, 150_000),
+        (rows.seed(), 400_000),
         |stream| bundle(-to_sun, stream),
     );
     let seen = there.seen.and(&back.seen);
@@ -214,7 +214,7 @@ fn permuted(rows: &mut Rows) {
         &run(&picture(&cloud, 12.0)),
         &run(&picture(&other, 12.0)),
     );
-    if let Some(row) = rows.pop() {
+    if let Some(row) = rows.rows.pop() {
         rows.push(row.demanding(moved, "the bricks are in the same order"));
     }
 }
@@ -252,11 +252,11 @@ fn refined(rows: &mut Rows) {
     let measure = |volume: &Volume, seed| {
         let medium = volume.medium(12.0, Rgb([0.95, 0.9, 0.8]), phase(0.7));
         let look = DVec3::new(0.0, 0.6, -0.8);
-        paths::radiance(&medium, &lights, settings, (seed, 150_000), |stream| {
+        paths::radiance(&medium, &lights, settings, (seed, 200_000), |stream| {
             bundle(look, stream)
         })
     };
-    let (a, b) = (measure(&coarse, 82), measure(&fine, 83));
+    let (a, b) = (measure(&coarse, rows.seed()), measure(&fine, rows.seed()));
     let seen = a.seen.and(&b.seen);
     for (i, name) in ["red", "green", "blue"].into_iter().enumerate() {
         rows.push(Row::same_mean(name, &a.moments[i], &b.moments[i], &seen));
@@ -289,7 +289,7 @@ fn transmittance(rows: &mut Rows, map: DMat3) {
     let medium = mapped.medium(sigma_t, Rgb::BLACK, phase(0.0));
     let settings = transport(IntegratorKind::Analog, None);
     let lights = sky(Rgb::WHITE);
-    let measured = paths::radiance(&medium, &lights, settings, (84, 1_000_000), |_| ray);
+    let measured = paths::radiance(&medium, &lights, settings, (rows.seed(), 500_000), |_| ray);
     let row = Row::fraction("", (-tau).exp(), &measured.moments[0], &measured.seen);
     rows.push(row.tolerance(1e-6, "rounding of sigma_t"));
 }
@@ -306,7 +306,7 @@ fn radiance(rows: &mut Rows, map: DMat3) {
     let measure = |volume: &Volume, map: DMat3, seed| {
         let medium = volume.medium(10.0, Rgb([1.0, 0.9, 0.5]), phase(0.7));
         let lights = only([sun(map * to_sun)]);
-        paths::radiance(&medium, &lights, settings, (seed, 150_000), |stream| {
+        paths::radiance(&medium, &lights, settings, (seed, 400_000), |stream| {
             let Ray { origin, direction } = bundle(look, stream);
             Ray {
                 origin: map * origin,
