@@ -350,6 +350,9 @@ fn distances(rows: &mut Rows, case: &Case, estimator: &Estimator) {
 
 const ESTIMATES: u64 = 1 << 18;
 
+/// Steps of a ray of optical depth 4 through 60 voxels.
+const STEPS: u64 = 300;
+
 fn estimates(rows: &mut Rows, case: &Case) {
     let expected = (-case.tau(case.end)).exp();
     let shot = Shot::new(case);
@@ -483,5 +486,36 @@ fn split(rows: &mut Rows) {
         });
         let row = Row::mean(name, expected, &measured.moments[0], &measured.seen);
         rows.push(row.tolerance(1e-6, ROUNDING));
+    }
+}
+
+/// A thick ray: estimates of ratio tracking stay within 0 and 1, and the variance of residual
+/// ratio tracking, whose factors do not, is still what theory says.
+pub(super) fn thick(rows: &mut Rows) {
+    let [_, case, ..] = cases(4.0);
+    let shot = Shot::new(&case);
+    for Estimator { name, tracking } in transmittance_estimators() {
+        let measured = measure(rows.seed(), ESTIMATES, |stream, counts| {
+            let t = shot.transmits(&tracking, stream, counts);
+            [t, f64::from(u8::from(!(0.0..=1.0).contains(&t)))]
+        });
+        let [weights, outside] = &measured.moments;
+        let row = Row::mean(
+            format!("{name} mean"),
+            (-case.tau(case.end)).exp(),
+            weights,
+            &measured.seen,
+        );
+        rows.push(row.tolerance(1e-6, ROUNDING).steps_within(STEPS));
+        if tracking.transmittance == TransmittanceEstimator::ResidualRatio {
+            let expected = variance(&case, &tracking).unwrap_or(f64::NAN);
+            let name = format!("{name} variance");
+            let row = Row::variance(name, expected, weights, &measured.seen);
+            rows.push(row.tolerance(1e-3 * expected, "the control's series"));
+        } else if tracking.transmittance != TransmittanceEstimator::Auto {
+            let name = format!("{name} outside of 0 to 1");
+            let row = Row::exact(name, 0.0, outside.mean(), &measured.seen);
+            rows.push(row.steps_within(STEPS));
+        }
     }
 }

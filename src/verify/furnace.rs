@@ -147,7 +147,7 @@ fn guided(rows: &mut Rows) {
 
 /// A convex body around the origin.
 #[derive(Clone, Copy)]
-enum Body {
+pub(super) enum Body {
     /// Half of its edge.
     Cube(f64),
     /// Its radius.
@@ -157,7 +157,7 @@ enum Body {
 impl Body {
     /// Draws a ray that enters, as under a uniform sky: a point uniform on the surface, a
     /// direction by the cosine.
-    fn enter(self, stream: &mut Stream) -> Ray {
+    pub(super) fn enter(self, stream: &mut Stream) -> Ray {
         let mut signed = || 2.0 * f64::from(stream.uniform()) - 1.0;
         let (a, b, c) = (signed(), signed(), signed());
         let (origin, outwards) = match self {
@@ -214,7 +214,7 @@ impl Body {
         }
     }
 
-    fn surface(self) -> f64 {
+    pub(super) fn surface(self) -> f64 {
         match self {
             Self::Cube(half) => 24.0 * half * half,
             Self::Ball(radius) => 2.0 * TAU * radius * radius,
