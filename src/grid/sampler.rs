@@ -15,7 +15,8 @@ use super::brick::{self, BRICK_DIM, BRICK_LEN};
 use super::tree::{LOWER_LEN, LOWER_TOTAL_LOG2, Tree, UPPER_LEN, lower_slot, upper_slot};
 use crate::space::floor_to_voxel;
 
-/// The corners of a voxel cell, z fastest.
+/// The corners of a voxel cell, z fastest: bit 2 of the position is one further in x, bit 1 in
+/// y, bit 0 in z.
 const CORNERS: [IVec3; 8] = [
     IVec3::new(0, 0, 0),
     IVec3::new(0, 0, 1),
@@ -26,6 +27,9 @@ const CORNERS: [IVec3; 8] = [
     IVec3::new(1, 1, 0),
     IVec3::new(1, 1, 1),
 ];
+
+/// Where they are in a brick's values, from the first on.
+const CORNER_OFFSETS: [usize; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
 
 /// A reader that remembers the lower node (128³ voxels) it last read from.
 #[derive(Clone, Debug)]
@@ -68,24 +72,43 @@ impl<'a> Sampler<'a> {
             .map_err(|tile| tree.tiles[tile].value)
     }
 
-    /// Returns the values at the eight corners of the cell of voxel `lo`: bit 2 of the position
-    /// is one further in x, bit 1 in y, bit 0 in z.
+    /// Returns the values at the eight corners of the cell of voxel `lo`, in the order of
+    /// [`CORNERS`].
     ///
     /// # Cost
     /// One walk and eight loads inside a brick (two thirds of all cells), eight walks across
     /// faces.
     #[inline] // bench: lookup
     pub fn corners(&mut self, lo: IVec3) -> [f32; 8] {
-        if (lo & (BRICK_DIM - 1)).max_element() < BRICK_DIM - 1 {
-            return match self.stored(lo) {
+        self.some_corners(lo, IVec3::ONE, [0, 1, 2, 3, 4, 5, 6, 7])
+    }
+
+    /// Returns the values at some [`CORNERS`] of the cell of voxel `lo`, by their positions:
+    /// those that are 0 where `extent` is 0, which is 1 elsewhere.
+    #[inline] // bench: lookup
+    pub(super) fn some_corners<const N: usize>(
+        &mut self,
+        lo: IVec3,
+        extent: IVec3,
+        which: [usize; N],
+    ) -> [f32; N] {
+        let mut values = [0.0; N];
+        if ((lo & (BRICK_DIM - 1)) + extent).max_element() < BRICK_DIM {
+            match self.stored(lo) {
                 Ok(base) => {
                     let o = base + brick::offset(lo);
-                    CORNERS.map(|c| self.tree.values[o + brick::offset(c)])
+                    for (value, c) in values.iter_mut().zip(which) {
+                        *value = self.tree.values[o + CORNER_OFFSETS[c]];
+                    }
                 }
-                Err(value) => [value; 8],
-            };
+                Err(tile) => values = [tile; N],
+            }
+        } else {
+            for (value, c) in values.iter_mut().zip(which) {
+                *value = self.value(lo.saturating_add(CORNERS[c]));
+            }
         }
-        CORNERS.map(|c| self.value(lo.saturating_add(c)))
+        values
     }
 
     /// Returns where the values of the brick that holds voxel `p` start, or the value of its tile.
