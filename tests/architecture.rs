@@ -44,11 +44,16 @@ const TABLE: &[(&str, &str)] = &[
         "render",
         "scene plan camera integrator film sampling stats light medium space spectrum",
     ),
+    (
+        "verify",
+        "verify render scene camera integrator tracking medium grid vdb phase light film sampling \
+         stats spectrum space",
+    ),
     ("output", "output film camera stats spectrum space"),
     (
         "cli",
         "cli space spectrum stats sampling grid vdb phase camera light film medium tracking \
-         integrator scene plan render output",
+         integrator scene plan render output verify",
     ),
 ];
 
@@ -62,7 +67,14 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     (
         &["rayon::", "std::thread", "thread::"],
         // `cli` sizes the pool, once, before anything runs in it.
-        &["vdb", "render", "grid/bounds", "grid/columns", "cli"],
+        &[
+            "vdb",
+            "render",
+            "grid/bounds",
+            "grid/columns",
+            "verify",
+            "cli",
+        ],
         "starts threads",
     ),
     (

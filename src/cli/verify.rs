@@ -112,7 +112,11 @@ fn push_row(out: &mut String, row: &Row) {
         None => format!("<{}", small(row.tolerance)),
     };
     let z = row.z.map_or("-".to_owned(), |z| format!("{z:+.2}"));
-    let sees = row.smallest_bias_seen.map_or("-".to_owned(), small);
+    let sees = match row.smallest_bias_seen {
+        None => "-".to_owned(),
+        Some(bias) if bias > 1.0 => ">1".to_owned(),
+        Some(bias) => small(bias),
+    };
     let verdict = if row.pass { "ok" } else { "FAIL" };
     push(
         out,

@@ -12,6 +12,7 @@ use super::row::{Group, Row};
 use super::volumes::{self, Volume};
 use super::{Check, Rows};
 use crate::camera::Camera;
+use crate::film::Film;
 use crate::integrator::{Context, IntegratorKind};
 use crate::light::{DistantLight, Lights};
 use crate::render::{NoProgress, render};
@@ -104,18 +105,24 @@ fn image(rows: &mut Rows, volume: &Volume, g: f32, integrator: IntegratorKind) {
         counts: rendered.counts,
         ..Seen::default()
     };
-    let pixels = rendered.film.pixels().iter().flat_map(|p| p.mean);
-    let farthest = pixels.fold(1.0_f64, |far, x| {
-        if (x - 1.0).abs() > (far - 1.0).abs() {
-            x
-        } else {
-            far
-        }
-    });
+    let farthest = farthest_from_white(&rendered.film);
     let counts = rendered.counts;
     let bounces = counts.scattered_rays as f64 / counts.camera_rays as f64;
     let row = Row::exact("farthest pixel", 1.0, farthest, &seen);
     rows.push(row.demanding(bounces > 2.0, "fewer than two scatterings a path"));
+}
+
+/// The channel of a pixel that is farthest from 1.
+pub(super) fn farthest_from_white(film: &Film) -> f64 {
+    let channels = film.pixels().iter().flat_map(|p| p.mean);
+    let far = |a: f64, b: f64| {
+        if (a - 1.0).abs() > (b - 1.0).abs() {
+            a
+        } else {
+            b
+        }
+    };
+    channels.fold(1.0, far)
 }
 
 /// A sun that shines in blue only draws paths towards it; the red sky must not notice.

@@ -141,7 +141,11 @@ impl Check {
             row.group = self.group.name;
             row.oracle = self.group.oracle;
             let own = std::mem::take(&mut row.name);
-            row.name = format!("{} {own}", self.name).trim_end().to_owned();
+            row.name = if own.is_empty() {
+                self.name.clone()
+            } else {
+                format!("{} {own}", self.name)
+            };
             row.seconds = seconds;
         }
         rows

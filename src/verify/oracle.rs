@@ -97,7 +97,7 @@ pub(super) fn thick_transmittance(tau: f64) -> f64 {
 /// The spherical albedo of a half-space by similarity, good to a few thousandths.
 ///
 /// # Reference
-/// `[Hulst1980]`, section 14.
+/// `[Hulst1980]`.
 pub(super) fn similar_spherical_albedo(albedo: f64, g: f64) -> f64 {
     let s = ((1.0 - albedo) / (1.0 - albedo * g)).sqrt();
     (1.0 - s) * (1.0 - 0.139 * s) / (1.0 + 1.170 * s)

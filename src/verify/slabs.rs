@@ -293,7 +293,7 @@ fn half_space_albedos(rows: &mut Rows, integrator: IntegratorKind) {
             (VERY_THICK, [0.999, 0.0, 0.0], 10_000),
         ] {
             // Weights keep paths going for thousands of bounces where analog ones are absorbed.
-            if tau == VERY_THICK && integrator == IntegratorKind::Path {
+            if tau > THICK && integrator == IntegratorKind::Path {
                 continue;
             }
             let medium = slab.medium(tau, Rgb(albedo), phase(0.0));

@@ -243,6 +243,7 @@ fn larger(rows: &mut Rows) {
 /// Twice the voxels an axis, each with the trilinear value of the coarse grid: the same function.
 fn refined(rows: &mut Rows) {
     let coarse = volumes::cloud();
+    #[expect(clippy::cast_possible_truncation, reason = "voxels are f32")]
     let at = |p: IVec3| trilinear(coarse.tree(), p.as_dvec3() * 0.5) as f32;
     let corner = IVec3::splat(52);
     let fine = volumes::box_of(-corner, corner, at);

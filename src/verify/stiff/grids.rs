@@ -62,7 +62,7 @@ pub(super) fn checks(out: &mut Vec<Check>) {
         ("4096 voxels", 12, true),
     ] {
         out.push(Check::new(&TILES, name, move |rows| {
-            tile(rows, log2, active)
+            tile(rows, log2, active);
         }));
     }
     out.push(Check::new(&CONSTANT, "f32", constant));
@@ -116,6 +116,7 @@ fn between(rows: &mut Rows) {
 
 fn one_voxel(rows: &mut Rows) {
     const DENSITY: f64 = 1.5;
+    const RASTER: i32 = 32;
     let tree = Tree::from_voxels(0.0, [(IVec3::new(7, -8, 0), 1.5)]);
     let volume = Volume::uniform(tree, 1.0);
     let medium = volume.attenuating(1.0);
@@ -132,7 +133,6 @@ fn one_voxel(rows: &mut Rows) {
         rows.push(row.tolerance(2e-7, ROUNDING).steps_within(40));
     }
     // The trapezoidal rule is exact for a tent whose kinks are on its raster.
-    const RASTER: i32 = 32;
     let (mut mass, mut seen) = (0.0, Seen::default());
     for i in 0..RASTER * RASTER {
         let at = |k: i32| 2.0 * f64::from(k) / f64::from(RASTER) - 1.0;
@@ -164,7 +164,7 @@ fn tile(rows: &mut Rows, log2: u32, active: bool) {
     let medium = volume.attenuating((1.0 / n) as f32);
     let ray = along_x(n / 2.0 + 0.3, n / 2.0 - 0.2);
     // Exact integration visits each voxel; all else a few cells.
-    let steps = 50 + (1 << log2);
+    let steps = 80 + (1 << log2);
     along(rows, &medium, &ray, 1.0, 100_000, steps);
 }
 

@@ -66,7 +66,11 @@ fn along(rows: &mut Rows, medium: &Medium, ray: &Ray, tau: f64, n: u64, steps: u
         let t = tracking.estimate_transmittance(medium, ray, end, 0.0, stream, counts);
         [f64::from(t)]
     });
-    let row = Row::mean("T", expected, &weights.moments[0], &weights.seen);
+    // Estimates lie in [0, 1], so their variance is at most that of 0 and 1; it has to do where
+    // too few rays collide to measure it.
+    let few = n as f64 * -(-tau).exp_m1() < 100.0;
+    let row = if few { Row::fraction } else { Row::mean };
+    let row = row("T", expected, &weights.moments[0], &weights.seen);
     rows.push(row.tolerance(1e-6, ROUNDING).steps_within(steps));
     let integrated = exact_transmittance(medium, ray);
     let (mean, seen) = (integrated.moments[0].mean(), &integrated.seen);
