@@ -1,7 +1,9 @@
 //! All estimators by name, with every kind of bound.
 
 use crate::medium::Segments;
-use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
+use crate::tracking::{
+    BoundsKind, DistanceEstimator, MERGED_DEPTH, Tracking, TransmittanceEstimator,
+};
 
 /// Bounds to be tested; the automatic one is one of these.
 const BOUNDS: [BoundsKind; 3] = [BoundsKind::Global, BoundsKind::Brick, BoundsKind::Hierarchy];
@@ -74,19 +76,17 @@ fn with_bounds(all: &mut Vec<Estimator>, name: &str, tracking: Tracking) {
         tracking: Tracking {
             bounds: BoundsKind::Brick,
             rate: HIGH_RATE,
+            flight_rate: HIGH_RATE,
             ..tracking
         },
     });
 }
 
-/// The segments that an estimator with these bounds cuts rays into.
+/// The segments that an estimator of transmittance with these bounds cuts rays into.
 pub(super) fn segments(bounds: BoundsKind) -> Segments {
     match bounds {
         BoundsKind::Global => Segments::Whole,
-        BoundsKind::Brick => Segments::Bricks,
-        BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
+        BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
     }
 }
-
-/// What the trackers use: a second copy, so that a variance which changes with it is noticed.
-const MERGED_DEPTH: f32 = 2.0;

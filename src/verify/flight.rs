@@ -225,13 +225,13 @@ fn one_decade(rows: &mut Rows, decade: i32) {
 
 /// Every estimator, over all decades in turn: one that fails in one of them is off by 1/17.
 fn all_decades(rows: &mut Rows) {
-    const FLIGHTS: u64 = 17 * 10_000;
+    const FLIGHTS_OF_ALL: u64 = 17 * 10_000;
     let cases: Vec<Case> = (-8..=8).map(scaled).collect();
     let shots: Vec<Shot<'_>> = cases.iter().map(Shot::new).collect();
     let expected = cases.iter().map(|c| (-c.tau(c.end)).exp()).sum::<f64>() / 17.0;
     for Estimator { name, tracking } in distance_estimators() {
         let mut turn = shots.iter().cycle();
-        let measured = measure(rows.seed(), FLIGHTS, |stream, counts| {
+        let measured = measure(rows.seed(), FLIGHTS_OF_ALL, |stream, counts| {
             let shot = turn.next();
             [shot.map_or(f64::NAN, |s| s.escapes(&tracking, stream, counts))]
         });
@@ -241,7 +241,7 @@ fn all_decades(rows: &mut Rows) {
     }
     for Estimator { name, tracking } in transmittance_estimators() {
         let mut turn = shots.iter().cycle();
-        let measured = measure(rows.seed(), FLIGHTS, |stream, counts| {
+        let measured = measure(rows.seed(), FLIGHTS_OF_ALL, |stream, counts| {
             let shot = turn.next();
             [shot.map_or(f64::NAN, |s| s.transmits(&tracking, stream, counts))]
         });
@@ -316,7 +316,7 @@ fn distances(rows: &mut Rows, case: &Case, estimator: &Estimator) {
     let collided = -(-total).exp_m1();
     let shot = Shot::new(case);
     let mut cells = [0_u32; CELLS];
-    let measured = measure(rows.seed(), 1 << 18, |stream, counts| {
+    let measured = measure(rows.seed(), FLIGHTS, |stream, counts| {
         let flight = shot.flight(&estimator.tracking, stream, counts);
         let Some(t) = flight else {
             return [1.0];
@@ -348,7 +348,9 @@ fn distances(rows: &mut Rows, case: &Case, estimator: &Estimator) {
     rows.push(row);
 }
 
-const ESTIMATES: u64 = 1 << 18;
+const ESTIMATES: u64 = 3 << 16;
+
+const FLIGHTS: u64 = 3 << 16;
 
 /// Steps of a ray of optical depth 4 through 60 voxels.
 const STEPS: u64 = 300;

@@ -113,7 +113,7 @@ fn image(rows: &mut Rows, volume: &Volume, g: f32, integrator: IntegratorKind) {
 }
 
 /// The channel of a pixel that is farthest from 1.
-pub(super) fn farthest_from_white(film: &Film) -> f64 {
+fn farthest_from_white(film: &Film) -> f64 {
     let channels = film.pixels().iter().flat_map(|p| p.mean);
     let far = |a: f64, b: f64| {
         if (a - 1.0).abs() > (b - 1.0).abs() {

@@ -204,7 +204,7 @@ fn finite_slab(
     let work = if integrator == IntegratorKind::Path {
         1.5e6
     } else {
-        4e6
+        3e6
     };
     #[expect(
         clippy::cast_possible_truncation,
