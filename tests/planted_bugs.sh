@@ -22,7 +22,7 @@ bugs=(
     'one tap rounds down @@ src/grid/sampler.rs @@ p_index + DVec3::new(u(0), u(21), u(42)) @@ p_index + 0.0 * DVec3::new(u(0), u(21), u(42)) @@ free flight: lone'
     'depth not used up at borders @@ src/tracking/collision.rs @@ depth -= left; @@ @@ free flight: step'
     'roulette without weight @@ src/tracking/transmittance.rs @@ self.weight = self.roulette_weight; @@ @@ transmittance: oblique step'
-    'path roulette without weight @@ src/integrator/path.rs @@ throughput *= ROULETTE_WEIGHT / weight; @@ @@ half-space'
+    'path roulette without weight @@ src/integrator/path.rs @@ throughput *= ROULETTE_WEIGHT / weight; @@ @@ dark slab'
     'sun disk of twice the radiance @@ src/light.rs @@ 1.0 / (PI * x * (2.0 - x)) @@ 2.0 / (PI * x * (2.0 - x)) @@ first order flux'
     'samples share a stream @@ src/sampling.rs @@ mix(h ^ sample.wrapping_add(GOLDEN)) @@ mix(h ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
 )

@@ -68,6 +68,7 @@ pub(super) fn checks(out: &mut Vec<Check>) {
         }
     }
     out.push(Check::new(&BALANCE, "R + T + A of a cloud", balance));
+    out.push(Check::new(&BALANCE, "middle of a dark slab", weak_paths));
 }
 
 fn sheared_cloud() -> Volume {
@@ -328,6 +329,24 @@ fn balance(rows: &mut Rows) {
     ));
     rows.push(Row::same_mean("R, path for analog", &r, &path_r, &seen));
     rows.push(Row::same_mean("T, path for analog", &t, &path_t, &seen));
+}
+
+/// What reaches the middle of a dark slab has scattered until its weight is low: roulette that
+/// did not raise the weight of the paths it spares would lose 6 % of it.
+fn weak_paths(rows: &mut Rows) {
+    let medium = volumes::slab().medium(8.0, Rgb::splat(0.6), phase(0.0));
+    let ray = Ray {
+        origin: DVec3::Z * 0.5,
+        direction: DVec3::X,
+    };
+    let [path, analog] = paths::INTEGRATORS.map(|(_, integrator)| {
+        let settings = transport(integrator, None);
+        let budget = (rows.seed(), 1_500_000);
+        paths::radiance(&medium, &sky(Rgb::WHITE), settings, budget, |_| ray)
+    });
+    let seen = path.seen.and(&analog.seen);
+    let (a, b) = (&analog.moments[0], &path.moments[0]);
+    rows.push(Row::same_mean("path for analog", a, b, &seen));
 }
 
 #[cfg(test)]
