@@ -25,7 +25,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DVec2, DVec3, IVec3};
 use majorant::grid::brick::BRICK_DIM;
 use majorant::grid::{DensityGrid, Tile, Tree};
-use majorant::medium::{BoundSegment, Medium};
+use majorant::medium::{BoundSegment, Medium, MediumRay};
 use majorant::sampling::{Stream, StreamKey};
 use majorant::scene::Scene;
 use majorant::space::{Aabb, Ray, floor_to_voxel};
@@ -151,17 +151,27 @@ fn along_paths(scene: &Scene, medium: &Medium, stream: &mut Stream) -> Vec<Query
         real: bool,
     }
     impl Visitor for Record {
-        fn cross(&mut self, _segment: &BoundSegment) -> bool {
-            false
+        fn enter(
+            &mut self,
+            _ray: &mut MediumRay<'_>,
+            segment: &BoundSegment,
+            _depth: &mut f32,
+            _stream: &mut Stream,
+            _counts: &mut Counts,
+        ) -> ControlFlow<(), f32> {
+            ControlFlow::Continue(segment.sigma_maj)
         }
         fn collide(
             &mut self,
+            ray: &mut MediumRay<'_>,
+            _segment: &BoundSegment,
             collision: &Collision,
             stream: &mut Stream,
             _counts: &mut Counts,
         ) -> ControlFlow<()> {
             self.ts.push(collision.t);
-            self.real = stream.uniform() * collision.sigma_maj < collision.sigma_t;
+            let sigma_t = ray.estimate_sigma_t(collision.t, stream.bits());
+            self.real = stream.uniform() * collision.rate < sigma_t;
             if self.real {
                 ControlFlow::Break(())
             } else {

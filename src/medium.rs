@@ -5,10 +5,13 @@
 
 use std::sync::Arc;
 
-use crate::grid::{Columns, DensityGrid, Sampler, Segment, Traversal};
+use crate::grid::{
+    Bound, Cells, Columns, Cubic, DensityGrid, Sampler, Segment, Traversal, VoxelWalk,
+};
 use crate::phase::Phase;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
+use crate::stats::Counts;
 use glam::{DAffine3, DVec3};
 
 /// A participating medium whose gray extinction follows a density grid.
@@ -18,6 +21,8 @@ pub struct Medium {
     sigma_t_per_density: f32,
     albedo: Rgb,
     phase: Phase,
+    /// World length of the diagonal of one voxel.
+    voxel_diagonal: f32,
 }
 
 impl Medium {
@@ -30,11 +35,14 @@ impl Medium {
         albedo: Rgb,
         phase: Phase,
     ) -> Self {
+        #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+        let voxel_diagonal = grid.transform().voxel_size().length() as f32;
         Self {
             grid,
             sigma_t_per_density,
             albedo,
             phase,
+            voxel_diagonal,
         }
     }
 
@@ -77,21 +85,58 @@ impl Medium {
         })
     }
 
-    /// Prepares the walk of a ray through the medium, from `t = 0` to `t_max`.
+    /// Returns the largest extinction anywhere.
+    pub fn majorant(&self) -> f32 {
+        self.grid.bound().max * self.sigma_t_per_density
+    }
+
+    /// Returns whether every segment of every ray has one extinction all along, so that closed
+    /// forms are all it takes.
+    pub fn is_homogeneous(&self) -> bool {
+        self.grid.is_homogeneous()
+    }
+
+    /// Prepares the walk of a ray through the medium, from `t = 0` to `t_max`, brick by brick.
     #[inline] // bench: frame
     pub fn ray(&self, ray: &Ray, t_max: f64) -> MediumRay<'_> {
+        self.ray_over(ray, t_max, Segments::Bricks)
+    }
+
+    /// As [`ray`](Self::ray), over other segments.
+    #[inline] // bench: frame
+    pub fn ray_over(&self, ray: &Ray, t_max: f64, segments: Segments) -> MediumRay<'_> {
         let to_index = self.grid.transform().index_from_world();
         let origin = to_index.transform_point3(ray.origin);
         let direction = to_index.transform_vector3(ray.direction);
+        let cells = match segments {
+            Segments::Whole => Cells::Whole,
+            Segments::Bricks => Cells::Bricks,
+            Segments::Merged(depth) => {
+                Cells::Merged(f64::from(depth) / f64::from(self.sigma_t_per_density))
+            }
+        };
         MediumRay {
-            traversal: self.grid.traverse(origin, direction, t_max),
+            traversal: self.grid.traverse_cells(origin, direction, t_max, cells),
             sampler: self.grid.sampler(),
             origin,
             direction,
             sigma_t_per_density: self.sigma_t_per_density,
+            voxel_diagonal: self.voxel_diagonal,
             segment: None,
         }
     }
+}
+
+/// How a ray is cut into segments of one bound.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Segments {
+    /// One segment, with the bound of the whole medium.
+    Whole,
+    /// A segment for every brick of 8³ voxels.
+    Bricks,
+    /// As `Bricks`, but one for a node of 128³ voxels where its majorant, times the length of the
+    /// ray inside it, is below this optical depth.
+    Merged(f32),
 }
 
 /// Coarse estimates of the transmittance towards one direction.
@@ -121,6 +166,10 @@ pub struct BoundSegment {
     pub sigma_min: f32,
     /// The extinction is nowhere above: the majorant.
     pub sigma_maj: f32,
+    /// Mean extinction of the cell: an estimate, between the two.
+    pub sigma_mean: f32,
+    /// Diagonal of the cell in world units, for estimates.
+    pub diagonal: f32,
 }
 
 impl BoundSegment {
@@ -139,6 +188,7 @@ pub struct MediumRay<'a> {
     origin: DVec3,
     direction: DVec3,
     sigma_t_per_density: f32,
+    voxel_diagonal: f32,
     segment: Option<Segment>,
 }
 
@@ -148,12 +198,71 @@ impl MediumRay<'_> {
     pub fn next_segment(&mut self) -> Option<BoundSegment> {
         self.segment = self.traversal.next();
         let scale = self.sigma_t_per_density;
-        self.segment.as_ref().map(|s| BoundSegment {
-            t0: s.t0,
-            t1: s.t1,
-            sigma_min: s.bound.min * scale,
-            sigma_maj: s.bound.max * scale,
+        self.segment.as_ref().map(|s| {
+            let Bound { min, max, mean } = s.bound;
+            // Only the grid's own box can be longer than 4096 voxels; an estimate all the same.
+            let edge = f64::from(s.last.x) - f64::from(s.first.x) + 1.0;
+            #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+            let diagonal = edge as f32 * self.voxel_diagonal;
+            BoundSegment {
+                t0: s.t0,
+                t1: s.t1,
+                sigma_min: min * scale,
+                sigma_maj: max * scale,
+                sigma_mean: mean * scale,
+                diagonal,
+            }
         })
+    }
+
+    /// Returns about how many voxel cells the ray crosses in a world unit.
+    #[inline] // bench: frame
+    pub fn voxels_per_length(&self) -> f64 {
+        self.direction.abs().element_sum()
+    }
+
+    /// Returns the optical depth of the current segment, exactly but for rounding.
+    ///
+    /// # Cost
+    /// One step and eight loads for each voxel cell.
+    #[inline] // bench: frame
+    pub fn optical_depth(&mut self, counts: &mut Counts) -> f64 {
+        let scale = f64::from(self.sigma_t_per_density);
+        let mut sum = 0.0;
+        for cubic in self.voxels() {
+            counts.voxel_cells += 1;
+            sum += cubic.integral();
+        }
+        sum * scale
+    }
+
+    /// Returns where the optical depth from the start of the current segment reaches `depth`, or
+    /// `None`, having reduced `depth` by that of the whole segment.
+    ///
+    /// # Cost
+    /// As [`optical_depth`](Self::optical_depth), up to there.
+    #[inline] // bench: frame
+    pub fn reach_depth(&mut self, depth: &mut f64, counts: &mut Counts) -> Option<f64> {
+        let scale = f64::from(self.sigma_t_per_density);
+        for cubic in self.voxels() {
+            counts.voxel_cells += 1;
+            let cell = cubic.integral() * scale;
+            if *depth < cell {
+                return Some(cubic.reach(*depth / scale));
+            }
+            *depth -= cell;
+        }
+        None
+    }
+
+    /// The voxel cells of the current segment; none before the first.
+    #[inline] // bench: frame
+    fn voxels(&mut self) -> impl Iterator<Item = Cubic> + '_ {
+        let ray = (self.origin, self.direction);
+        let walk = self
+            .segment
+            .map(|segment| VoxelWalk::new(&mut self.sampler, ray, segment));
+        walk.into_iter().flatten()
     }
 
     /// Returns an unbiased estimate of the extinction at `t` in the current segment: the value
@@ -179,7 +288,7 @@ impl MediumRay<'_> {
         let Some(segment) = &self.segment else {
             return p;
         };
-        let low = segment.cell.as_dvec3();
-        p.max(low).min(low + f64::from(segment.cell_size))
+        p.max(segment.first.as_dvec3())
+            .min(segment.last.as_dvec3() + 1.0)
     }
 }

@@ -37,8 +37,10 @@ counts! {
     null_collisions,
     /// Scattering or absorbing collisions: the vertices of paths.
     real_collisions,
-    /// Voxel values read.
+    /// Voxel values read at points.
     lookups,
+    /// Voxel cells of eight values each that were integrated exactly.
+    voxel_cells,
     /// Values above the bound of their segment. Anything but 0 is a bug: the image is biased.
     bound_violations,
     /// Paths ended by Russian roulette.

@@ -34,11 +34,11 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene vdb grid medium phase light camera film space spectrum integrator",
+        "scene vdb grid medium phase light camera film space spectrum integrator tracking",
     ),
     (
         "plan",
-        "scene vdb grid medium phase light camera space spectrum integrator",
+        "scene vdb grid medium phase light camera space spectrum integrator tracking",
     ),
     (
         "render",

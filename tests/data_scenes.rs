@@ -27,7 +27,9 @@ fn load(path: &Path) -> Scene {
     let volume = checked
         .load_volume(&options, &mut |_| {})
         .expect("its volume loads");
-    checked.into_scene(&volume)
+    checked
+        .into_scene(&volume)
+        .expect("the scene fits its volume")
 }
 
 fn run(scene: &Scene) -> Rendered {

@@ -141,8 +141,7 @@ fn grid(tree: Tree<f32>) -> DensityGrid {
 }
 
 fn clamp_to_cell(p: DVec3, s: &Segment) -> DVec3 {
-    let lo = s.cell.as_dvec3();
-    p.clamp(lo, lo + f64::from(s.cell_size))
+    p.clamp(s.first.as_dvec3(), s.last.as_dvec3() + 1.0)
 }
 
 proptest! {
@@ -168,13 +167,13 @@ proptest! {
                 gaps.push((at, s.t0));
             }
             at = s.t1;
-            let lo = s.cell.as_dvec3();
+            let (lo, hi) = (s.first.as_dvec3(), s.last.as_dvec3() + 1.0);
             // A position has a rounding error of some ulps of the largest number involved.
             let ulp = 1e-14 * (1.0 + o.abs().max_element() + s.t1 * d.abs().max_element());
             for k in 1..8 {
                 let p = o + d * (s.t0 + (s.t1 - s.t0) * f64::from(k) / 8.0);
                 let inside = p.cmpge(lo - ulp).all()
-                    && p.cmple(lo + f64::from(s.cell_size) + ulp).all();
+                    && p.cmple(hi + ulp).all();
                 prop_assert!(inside, "{p} is not in the cell of {s:?}");
                 let p = clamp_to_cell(p, &s);
                 for v in taps(&tree, p).into_iter().filter(|&v| v != 0.0) {
@@ -202,10 +201,10 @@ proptest! {
         let tree = build(&recipe);
         let grid = grid(tree.clone());
         let o = recipe.base.as_dvec3() + start;
-        for s in grid.traverse(o, d, 200.0).filter(|s| s.cell_size == 8).take(4) {
+        for s in grid.traverse(o, d, 200.0).filter(|s| s.last - s.first == IVec3::splat(7)).take(4) {
             let mut range = (f32::INFINITY, f32::NEG_INFINITY);
             for i in 0..9 * 9 * 9 {
-                let v = tree.probe(s.cell + IVec3::new(i / 81, i / 9 % 9, i % 9)).value;
+                let v = tree.probe(s.first + IVec3::new(i / 81, i / 9 % 9, i % 9)).value;
                 range = (range.0.min(v), range.1.max(v));
             }
             prop_assert_eq!((s.bound.min, s.bound.max), range);
@@ -268,7 +267,7 @@ fn empty_space_is_crossed_in_large_steps() {
     let o = DVec3::new(-5.0, 4.0, 4.0);
     let s: Vec<_> = grid.traverse(o, DVec3::X, f64::INFINITY).collect();
     // The far voxel is the first of its brick, so the cell below reads it, too.
-    let bounds: Vec<_> = s.iter().map(|s| (s.cell.x, s.bound.max)).collect();
+    let bounds: Vec<_> = s.iter().map(|s| (s.first.x, s.bound.max)).collect();
     assert_eq!(bounds, [(0, 1.0), (39_992, 2.0), (40_000, 2.0)]);
 }
 

@@ -76,6 +76,9 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
         ("type = \"constant\"", "type = \"constnt\""),
         ("type = \"distant\"", "type = \"spot\""),
         ("seed = 0", "seed = 0\nintegrator = \"paths\""),
+        ("seed = 0", "seed = 0\ndistance = \"woodcock\""),
+        ("seed = 0", "seed = 0\ntransmittance = \"ratio-tracking\""),
+        ("seed = 0", "seed = 0\nbounds = \"bricks\""),
         // syntax
         ("[camera]", "[camera"),
         ("seed = 0", "seed = 0\nseed = 1"),
@@ -126,6 +129,9 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
             "radiance = [1, 1, 1]\nirradiance = [1, 1, 1]",
         ),
         ("radiance = [0.3, 0.45, 0.75]", "radiance = [nan, 1, 1]"),
+        ("seed = 0", "seed = 0\ncollision_rate = 0.5"),
+        ("seed = 0", "seed = 0\ncollision_rate = nan"),
+        ("seed = 0", "seed = 0\nmarch_step = 0.0"),
         // contradictions
         ("seed = 0", "seed = 0\nintegrator = \"analog\""),
         ("[[volume]]", "[[volume]]\nfile = \"a.vdb\"\n[[volume]]"),

@@ -7,6 +7,7 @@ use majorant::scene::desc::{
     CameraDesc, DensityDesc, ImageDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, SceneDesc,
     VolumeDesc,
 };
+use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 use toml::Spanned;
 
 const MINIMAL: &str = "[camera]\nposition = [0, -3, 0]\nlook_at = [0, 0, 0]\n\
@@ -69,6 +70,11 @@ fn documented_defaults_are_those_of_the_code() {
                 frame,
                 integrator,
                 max_bounces,
+                distance,
+                transmittance,
+                bounds,
+                collision_rate,
+                march_step,
             },
     } = parse(MINIMAL).desc;
     let VolumeDesc {
@@ -106,6 +112,17 @@ fn documented_defaults_are_those_of_the_code() {
             "render.max_bounces",
             max_bounces.map_or("none".to_owned(), |n| n.to_string()),
         ),
+        ("render.distance", format!("\"{}\"", distance.get_ref())),
+        (
+            "render.transmittance",
+            format!("\"{}\"", transmittance.get_ref()),
+        ),
+        ("render.bounds", format!("\"{bounds}\"")),
+        (
+            "render.collision_rate",
+            format!("{:?}", collision_rate.get_ref()),
+        ),
+        ("render.march_step", format!("{:?}", march_step.get_ref())),
     ];
     for (key, value) in shown {
         assert_eq!(documented(&page, key), value, "{key}");
@@ -119,6 +136,11 @@ fn written_scenes_read_back_equal() {
     // Everything that is optional, and a name that needs escaping.
     file.desc.render.max_bounces = Some(7);
     file.desc.render.frame = -3;
+    *file.desc.render.distance.get_mut() = DistanceEstimator::Regular;
+    *file.desc.render.transmittance.get_mut() = TransmittanceEstimator::ApproxRayMarching;
+    file.desc.render.bounds = BoundsKind::Global;
+    *file.desc.render.collision_rate.get_mut() = 2.5;
+    *file.desc.render.march_step.get_mut() = 0.3;
     file.desc.light.clear();
     let volume = file.desc.volume[0].get_mut();
     volume.phase = Spanned::new(0..0, PhaseDesc::default());

@@ -32,7 +32,7 @@ use majorant::scene::Scene;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
 use majorant::stats::Counts;
-use majorant::tracking::sample_collision;
+use majorant::tracking::Tracking;
 
 fn grid(tree: Tree<f32>, voxel_size: f64) -> Arc<DensityGrid> {
     let transform = IndexTransform::uniform(voxel_size);
@@ -112,7 +112,7 @@ fn white_furnaces_are_white() {
                 };
                 let transport = TransportSettings {
                     integrator,
-                    max_bounces: None,
+                    ..TransportSettings::default()
                 };
                 let rendered = run(&scene(medium, lights, transport));
                 // With one radiance everywhere and no absorption each path carries exactly 1.
@@ -148,7 +148,7 @@ fn analog_and_path_agree_on_sun_and_sky() {
             let image = |integrator, seed| {
                 let transport = TransportSettings {
                     integrator,
-                    max_bounces: None,
+                    ..TransportSettings::default()
                 };
                 let scene = scene(medium.clone(), lights.clone(), transport);
                 run(&Scene {
@@ -202,6 +202,7 @@ fn single_scattering_in_a_slab_is_the_closed_form() {
     let settings = TransportSettings {
         integrator: IntegratorKind::Path,
         max_bounces: Some(1),
+        ..TransportSettings::default()
     };
     let context = Context::new(Some(&medium), &lights, settings);
     for (mu, expected) in [(1.0_f64, 0.0344039), (0.5, 0.0504104)] {
@@ -263,14 +264,16 @@ fn slabs_reflect_and_transmit_what_discrete_ordinates_say() {
                 sample,
                 ..StreamKey::default()
             });
+            let tracking = Tracking::default();
             let origin = DVec3::new(2048.0, 2048.0, 1000.0);
             let mut ray = Ray {
                 origin,
                 direction: DVec3::NEG_Z,
             };
             let mut weight = 1.0_f64;
+            let end = f64::INFINITY;
             while let Some(t) =
-                sample_collision(medium.ray(&ray, f64::INFINITY), &mut stream, &mut counts)
+                tracking.sample_collision(&medium, &ray, end, &mut stream, &mut counts)
             {
                 weight *= albedo;
                 let direction = medium.phase().sample(ray.direction, &mut stream);
@@ -309,7 +312,7 @@ fn weak_paths_are_not_lost() {
     let measure = |integrator, seed| {
         let settings = TransportSettings {
             integrator,
-            max_bounces: None,
+            ..TransportSettings::default()
         };
         let context = Context::new(Some(&medium), &lights, settings);
         let origin = DVec3::new(2048.0, 2048.0, 64.0);

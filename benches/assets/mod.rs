@@ -22,7 +22,9 @@ pub(crate) fn scene(name: &str) -> Scene {
     let volume = checked
         .load_volume(&LoadOptions::default(), &mut |_| {})
         .expect("the volume is part of the project");
-    checked.into_scene(&volume)
+    checked
+        .into_scene(&volume)
+        .expect("the scene fits its volume")
 }
 
 /// The box that holds all density, in index space; its corners are multiples of 8.

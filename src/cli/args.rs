@@ -2,11 +2,13 @@
 
 use std::path::PathBuf;
 
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, IVec3};
 use majorant::integrator::IntegratorKind;
 use majorant::scene::MAX_RESOLUTION;
 use majorant::scene::default_look::UpAxis;
+use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 failed, such as an output that cannot be written; 2 wrong usage;
@@ -91,6 +93,11 @@ pub(super) struct RenderArgs {
     /// path samples the lights; analog is the short reference
     #[arg(long, value_enum)]
     pub(super) integrator: Option<IntegratorArg>,
+    #[command(flatten)]
+    pub(super) tracking: TrackingArgs,
+    /// Print which estimators, kernels and grids are used and left out, and why
+    #[arg(long)]
+    pub(super) explain: bool,
     /// Density grid to render, by name
     #[arg(long, value_name = "NAME")]
     pub(super) grid: Option<String>,
@@ -116,6 +123,41 @@ pub(super) struct RenderArgs {
     /// Read NaN and infinite voxels as 0 instead of refusing the grid
     #[arg(long)]
     pub(super) sanitize: bool,
+}
+
+/// Which estimators track rays.
+#[derive(Debug, clap::Args)]
+pub(super) struct TrackingArgs {
+    /// Free flight: auto, delta, decomposition, regular or closed-form
+    #[arg(long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
+    pub(super) distance: Option<DistanceEstimator>,
+    /// Shadow rays: auto, residual-ratio, ratio, exact, delta, closed-form or approx-ray-marching
+    #[arg(long, value_name = "NAME", value_parser = parse_named(TransmittanceEstimator::ALL, TransmittanceEstimator::name))]
+    pub(super) transmittance: Option<TransmittanceEstimator>,
+    /// Bounds of both: auto, hierarchy, brick or global
+    #[arg(long, value_name = "NAME", value_parser = parse_named(BoundsKind::ALL, BoundsKind::name))]
+    pub(super) bounds: Option<BoundsKind>,
+    /// Tentative collisions for each unit of the bound, from 1
+    #[arg(long, value_name = "X")]
+    pub(super) collision_rate: Option<f64>,
+    /// Step of approx-ray-marching in voxels
+    #[arg(long, value_name = "X")]
+    pub(super) march_step: Option<f64>,
+}
+
+/// Parses one of `all` by its name.
+fn parse_named<T>(
+    all: &'static [T],
+    name: fn(T) -> &'static str,
+) -> impl TypedValueParser<Value = T>
+where
+    T: Copy + Send + Sync + 'static,
+{
+    let names = all.iter().map(|&v| name(v));
+    PossibleValuesParser::new(names).try_map(move |text| {
+        let found = all.iter().find(|&&v| name(v) == text);
+        found.copied().ok_or("not one of the possible values")
+    })
 }
 
 #[derive(Debug, clap::Args)]

@@ -11,7 +11,7 @@ use majorant::scene::desc::unplaced;
 use majorant::scene::{LoadOptions, LoadStage, LoadedVolume, Scene, SceneFile};
 use majorant::vdb::Archive;
 
-use super::args::RenderArgs;
+use super::args::{RenderArgs, TrackingArgs};
 use super::progress::RenderProgress;
 use super::stats::{Clock, Lap, Stats};
 use super::{Failure, memory, report};
@@ -47,10 +47,13 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         Some(volume) => volume,
         None => checked.load_volume(&options, &mut |stage| stages.enter(stage))?,
     };
-    let scene = checked.into_scene(&volume);
+    let scene = checked.into_scene(&volume)?;
     stages.end();
     let mut stats = Stats::new(&args.input, &targets.image, &scene, &volume);
     stages.write_to(&mut stats, begin);
+    if args.explain {
+        report::print(&explanation(&stats))?;
+    }
     report_plan(&stats);
     let film = render_timed(&scene, begin, &mut stats)?;
     write(&targets, &scene, hash, &film, &mut stats)
@@ -164,6 +167,28 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
     if let Some(integrator) = args.integrator {
         desc.render.integrator = unplaced(integrator.into());
     }
+    let TrackingArgs {
+        distance,
+        transmittance,
+        bounds,
+        collision_rate,
+        march_step,
+    } = args.tracking;
+    if let Some(distance) = distance {
+        desc.render.distance = unplaced(distance);
+    }
+    if let Some(transmittance) = transmittance {
+        desc.render.transmittance = unplaced(transmittance);
+    }
+    if let Some(bounds) = bounds {
+        desc.render.bounds = bounds;
+    }
+    if let Some(rate) = collision_rate {
+        desc.render.collision_rate = unplaced(rate);
+    }
+    if let Some(step) = march_step {
+        desc.render.march_step = unplaced(step);
+    }
     if let Some(grid) = &args.grid {
         for volume in &mut desc.volume {
             volume.get_mut().density.grid = unplaced(grid.clone());
@@ -222,6 +247,12 @@ impl Stages {
             .zip(self.build.cpu)
             .map(|(all, build)| all - build);
     }
+}
+
+/// The plan as text, for `--explain`.
+fn explanation(stats: &Stats) -> String {
+    let lines = stats.plan.iter().map(|line| format!("{line}\n"));
+    lines.collect()
 }
 
 fn report_plan(stats: &Stats) {

@@ -18,7 +18,7 @@
 
 use std::collections::BTreeSet;
 
-use glam::IVec3;
+use glam::{DVec3, IVec3};
 use rayon::prelude::*;
 
 use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2, FOOTPRINT};
@@ -76,6 +76,8 @@ pub struct Bounds {
     /// Lowest and highest brick, in brick coordinates, of those that are not zero; `None` if
     /// all is zero.
     pub(super) occupied: Option<(IVec3, IVec3)>,
+    /// Of everything in the box of occupied bricks.
+    pub(super) whole: Bound,
 }
 
 /// The seven neighbours that share a face, an edge or a corner on one side of a cell.
@@ -308,9 +310,33 @@ impl Bounds {
             upper,
             lower,
             occupied: None,
+            whole: Bound::EMPTY,
         };
         bounds.occupied = bounds.find_occupied(tree);
+        bounds.whole = bounds.unite_all(tree.background());
         bounds
+    }
+
+    /// Returns the bound of the box of occupied bricks, which may hold some of the background.
+    fn unite_all(&self, background: f32) -> Bound {
+        let Some((first, last)) = self.occupied else {
+            return Bound::EMPTY;
+        };
+        let mut all = Bound::constant(background);
+        let mut sum = 0.0;
+        for b in self.root.iter().filter(|b| b.max > 0.0) {
+            all.include(b.min);
+            all.include(b.max);
+            sum += f64::from(b.mean);
+        }
+        let bricks = (last.as_dvec3() - first.as_dvec3() + DVec3::ONE).element_product();
+        let bricks_in_root = f64::from(1 << (UPPER_TOTAL_LOG2 - BRICK_LOG2)).powi(3);
+        #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+        let mean = (sum * bricks_in_root / bricks) as f32;
+        Bound {
+            mean: mean.clamp(all.min, all.max),
+            ..all
+        }
     }
 
     fn find_occupied(&self, tree: &Tree<f32>) -> Option<(IVec3, IVec3)> {

@@ -2,10 +2,10 @@
 
 use glam::DVec3;
 
-use super::bounds::{Bounds, add_halo};
+use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::BRICK_DIM;
 use super::sampler::Sampler;
-use super::traverse::Traversal;
+use super::traverse::{Cells, Traversal};
 use super::tree::Tree;
 use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 
@@ -61,9 +61,39 @@ impl DensityGrid {
         Sampler::new(&self.tree)
     }
 
-    /// Walks `origin + t · direction`, both in index space, from t = 0 to `t_max`.
+    /// Walks `origin + t · direction`, both in index space, from t = 0 to `t_max`, brick by brick.
     pub fn traverse(&self, origin: DVec3, direction: DVec3, t_max: f64) -> Traversal<'_> {
-        Traversal::new(self, origin, direction, t_max)
+        self.traverse_cells(origin, direction, t_max, Cells::Bricks)
+    }
+
+    /// As [`traverse`](Self::traverse), over other cells.
+    #[inline] // bench: frame
+    pub fn traverse_cells(
+        &self,
+        origin: DVec3,
+        direction: DVec3,
+        t_max: f64,
+        cells: Cells,
+    ) -> Traversal<'_> {
+        Traversal::new(self, origin, direction, t_max, cells)
+    }
+
+    /// Returns the bound of all values, background included; empty for an empty grid.
+    pub fn bound(&self) -> Bound {
+        self.bounds.whole
+    }
+
+    /// Returns whether the value is the same along every segment of every ray.
+    pub fn is_homogeneous(&self) -> bool {
+        // A cell is constant only if everything below it is, and its neighbours' first layers.
+        self.bounds.root.iter().all(Bound::is_constant)
+    }
+
+    /// Returns the bounds of all cells of 8³ voxels that are not empty: what most segments of
+    /// rays carry.
+    pub fn brick_bounds(&self) -> impl Iterator<Item = Bound> + '_ {
+        let all = self.bounds.lower.iter().copied();
+        all.filter(|b| b.max > 0.0)
     }
 
     /// Returns a box, in world space, outside of which density is zero, tight to 8 voxels;

@@ -5,6 +5,7 @@
 //! * [`bounds`]: conservative minimum, maximum and mean of every cell.
 //! * [`sampler`]: trilinear lookups with eight taps, and stochastic ones with one.
 //! * [`traverse`]: a ray's gap-free intervals with their bounds.
+//! * [`VoxelWalk`], [`Cubic`]: the exact value along a ray, voxel cell by voxel cell.
 //! * [`Columns`]: how much density lies between a point and a distant light, coarsely.
 //! * [`DensityGrid`]: a scalar tree with bounds, placed in the world.
 //!
@@ -14,6 +15,7 @@
 pub mod bounds;
 pub mod brick;
 mod columns;
+mod cubic;
 mod density;
 pub mod sampler;
 pub mod traverse;
@@ -22,7 +24,8 @@ pub mod tree;
 pub use bounds::Bound;
 pub use brick::Voxel;
 pub use columns::Columns;
+pub use cubic::{Cubic, VoxelWalk};
 pub use density::{DensityGrid, GridTooLarge};
 pub use sampler::Sampler;
-pub use traverse::{Segment, Traversal};
+pub use traverse::{Cells, Segment, Traversal};
 pub use tree::{Tile, Tree, TreeBuilder};

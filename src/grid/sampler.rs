@@ -11,9 +11,21 @@
 
 use glam::{DVec3, IVec3};
 
-use super::brick::{self, BRICK_LEN};
+use super::brick::{self, BRICK_DIM, BRICK_LEN};
 use super::tree::{LOWER_LEN, LOWER_TOTAL_LOG2, Tree, UPPER_LEN, lower_slot, upper_slot};
 use crate::space::floor_to_voxel;
+
+/// The corners of a voxel cell, z fastest.
+const CORNERS: [IVec3; 8] = [
+    IVec3::new(0, 0, 0),
+    IVec3::new(0, 0, 1),
+    IVec3::new(0, 1, 0),
+    IVec3::new(0, 1, 1),
+    IVec3::new(1, 0, 0),
+    IVec3::new(1, 0, 1),
+    IVec3::new(1, 1, 0),
+    IVec3::new(1, 1, 1),
+];
 
 /// A reader that remembers the lower node (128³ voxels) it last read from.
 #[derive(Clone, Debug)]
@@ -42,17 +54,9 @@ impl<'a> Sampler<'a> {
     /// Two dependent loads within the remembered node, up to four and a search elsewhere.
     #[inline] // bench: lookup
     pub fn value(&mut self, p: IVec3) -> f32 {
-        let key = p >> LOWER_TOTAL_LOG2;
-        if key != self.key {
-            self.key = key;
-            self.node = self.find_node(p);
-        }
-        match self.node {
+        match self.stored(p) {
+            Ok(base) => self.tree.values[base + brick::offset(p)],
             Err(value) => value,
-            Ok(base) => match self.tree.lower[base + lower_slot(p)].get() {
-                Ok(b) => self.tree.values[b * BRICK_LEN + brick::offset(p)],
-                Err(tile) => self.tree.tiles[tile].value,
-            },
         }
     }
 
@@ -64,23 +68,51 @@ impl<'a> Sampler<'a> {
             .map_err(|tile| tree.tiles[tile].value)
     }
 
+    /// Returns the values at the eight corners of the cell of voxel `lo`: bit 2 of the position
+    /// is one further in x, bit 1 in y, bit 0 in z.
+    ///
+    /// # Cost
+    /// One walk and eight loads inside a brick (two thirds of all cells), eight walks across
+    /// faces.
+    #[inline] // bench: lookup
+    pub fn corners(&mut self, lo: IVec3) -> [f32; 8] {
+        if (lo & (BRICK_DIM - 1)).max_element() < BRICK_DIM - 1 {
+            return match self.stored(lo) {
+                Ok(base) => {
+                    let o = base + brick::offset(lo);
+                    CORNERS.map(|c| self.tree.values[o + brick::offset(c)])
+                }
+                Err(value) => [value; 8],
+            };
+        }
+        CORNERS.map(|c| self.value(lo.saturating_add(c)))
+    }
+
+    /// Returns where the values of the brick that holds voxel `p` start, or the value of its tile.
+    #[inline] // bench: lookup
+    fn stored(&mut self, p: IVec3) -> Result<usize, f32> {
+        let key = p >> LOWER_TOTAL_LOG2;
+        if key != self.key {
+            self.key = key;
+            self.node = self.find_node(p);
+        }
+        let tree = self.tree;
+        match tree.lower[self.node? + lower_slot(p)].get() {
+            Ok(b) => Ok(b * BRICK_LEN),
+            Err(tile) => Err(tree.tiles[tile].value),
+        }
+    }
+
     /// Returns the trilinear value at `p_index`, never outside the range of its eight taps.
     pub fn trilinear(&mut self, p_index: DVec3) -> f32 {
         let lo = floor_to_voxel(p_index);
-        let hi = lo.saturating_add(IVec3::ONE);
         // Outside [0, 1] only beyond the ends of i32, where everything is background.
         let f = (p_index - lo.as_dvec3())
             .clamp(DVec3::ZERO, DVec3::ONE)
             .as_vec3();
-        let mut along_z = |x, y| {
-            lerp(
-                self.value(IVec3::new(x, y, lo.z)),
-                self.value(IVec3::new(x, y, hi.z)),
-                f.z,
-            )
-        };
-        let low = lerp(along_z(lo.x, lo.y), along_z(lo.x, hi.y), f.y);
-        let high = lerp(along_z(hi.x, lo.y), along_z(hi.x, hi.y), f.y);
+        let v = self.corners(lo);
+        let low = lerp(lerp(v[0], v[1], f.z), lerp(v[2], v[3], f.z), f.y);
+        let high = lerp(lerp(v[4], v[5], f.z), lerp(v[6], v[7], f.z), f.y);
         lerp(low, high, f.x)
     }
 

@@ -31,9 +31,21 @@ pub struct Segment {
     /// What the filter can read in between.
     pub bound: Bound,
     /// Lowest voxel of the cell.
-    pub cell: IVec3,
-    /// Voxels along the cell's edge: 8, 128 or 4096.
-    pub cell_size: i32,
+    pub first: IVec3,
+    /// Highest voxel of the cell: 7, 127 or 4095 further, unless the cell is the whole grid.
+    pub last: IVec3,
+}
+
+/// Which cells a ray is cut into.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Cells {
+    /// One: the box of all that is not zero, with the bound of the whole grid.
+    Whole,
+    /// Bricks of 8³ voxels; tiles and empty nodes, whatever their size, are one cell.
+    Bricks,
+    /// As `Bricks`, but a node of 128³ voxels is one cell where its maximum, times the length of
+    /// the ray inside it, is below this number.
+    Merged(f64),
 }
 
 /// An iterator over the segments of a ray whose bound is not zero, in order.
@@ -60,6 +72,7 @@ pub struct Traversal<'a> {
     /// The lower node (16³ cells) that was looked at last, and what it is.
     node_key: IVec3,
     node: Node,
+    cells: Cells,
     done: bool,
 }
 
@@ -71,13 +84,21 @@ const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
 enum Node {
     /// First slot of a lower node that is not empty.
     Lower(usize),
-    /// One bound for a cell of `2^log2` bricks an edge: a tile, or an empty node.
+    /// One bound for a cell of `2^log2` bricks an edge: a tile, or an empty or merged node.
     Large { log2: u32, bound: Bound },
+    /// One bound for everything.
+    Whole,
 }
 
 impl<'a> Traversal<'a> {
     /// Starts the walk of `origin + t · direction`, in index space, for t from 0 to `t_max`.
-    pub fn new(grid: &'a DensityGrid, origin: DVec3, direction: DVec3, t_max: f64) -> Self {
+    pub fn new(
+        grid: &'a DensityGrid,
+        origin: DVec3,
+        direction: DVec3,
+        t_max: f64,
+        cells: Cells,
+    ) -> Self {
         let (tree, bounds) = (&grid.tree, &grid.bounds);
         let inverse = DVec3::ONE / direction;
         let signum = |d: f64, inv: f64| match () {
@@ -105,6 +126,7 @@ impl<'a> Traversal<'a> {
             t_end: t_max,
             node_key: IVec3::MAX,
             node: Node::Lower(0),
+            cells,
             done: true,
         };
         let Some((first, last)) = bounds.occupied else {
@@ -177,8 +199,23 @@ impl<'a> Traversal<'a> {
         t1
     }
 
+    /// Returns whether the 128³ node that holds the cell, of this bound, is walked as one.
+    fn merges(&self, bound: Bound) -> bool {
+        let Cells::Merged(below) = self.cells else {
+            return false;
+        };
+        let size = 1 << LOWER_LOG2;
+        let exit = self.exit(0, size).min(self.exit(1, size));
+        let exit = exit.min(self.exit(2, size)).min(self.t_end);
+        f64::from(bound.max) * (exit - self.t) < below
+    }
+
     #[cold]
     fn look_up_node(&mut self) {
+        if self.cells == Cells::Whole {
+            self.node = Node::Whole;
+            return;
+        }
         self.node_key = self.cell >> LOWER_LOG2;
         let voxel = self.cell << BRICK_LOG2;
         self.node = match self.tree.root_index(root_origin(voxel)) {
@@ -193,7 +230,11 @@ impl<'a> Traversal<'a> {
                         let slot = u * UPPER_LEN + upper_slot(voxel);
                         let bound = self.bounds.upper[slot];
                         match self.tree.upper[slot].get() {
-                            Ok(l) if bound.max > 0.0 && !bound.is_constant() => {
+                            Ok(l)
+                                if bound.max > 0.0
+                                    && !bound.is_constant()
+                                    && !self.merges(bound) =>
+                            {
                                 Node::Lower(l * LOWER_LEN)
                             }
                             _ => Node::Large {
@@ -225,20 +266,26 @@ impl Iterator for Traversal<'_> {
                 self.look_up_node();
             }
             let t0 = self.t;
-            let (bound, cell, size, t1) = match self.node {
+            let (bound, first, last, t1) = match self.node {
                 Node::Lower(base) => {
                     let voxel = self.cell << BRICK_LOG2;
                     let bound = self.bounds.lower[base + lower_slot(voxel)];
                     let axis = smallest(self.exit);
                     let t1 = self.exit[axis].max(t0);
                     self.advance(axis);
-                    (bound, voxel, BRICK_DIM, t1)
+                    (bound, voxel, voxel + (BRICK_DIM - 1), t1)
                 }
                 Node::Large { log2, bound } => {
                     let size = 1 << log2;
                     let cell = (self.cell & !(size - 1)) << BRICK_LOG2;
                     let t1 = self.leap(size);
-                    (bound, cell, size << BRICK_LOG2, t1)
+                    (bound, cell, cell + ((size << BRICK_LOG2) - 1), t1)
+                }
+                Node::Whole => {
+                    self.done = true;
+                    let last = (self.last << BRICK_LOG2) + (BRICK_DIM - 1);
+                    let bound = self.bounds.whole;
+                    (bound, self.first << BRICK_LOG2, last, self.t_end)
                 }
             };
             self.t = t1;
@@ -248,8 +295,8 @@ impl Iterator for Traversal<'_> {
                     t0,
                     t1,
                     bound,
-                    cell,
-                    cell_size: size,
+                    first,
+                    last,
                 });
             }
         }

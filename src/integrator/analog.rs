@@ -13,7 +13,6 @@ use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use crate::tracking::sample_collision;
 
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
 ///
@@ -36,7 +35,9 @@ pub(super) fn sample_radiance(
     let mut bounces = 0;
     loop {
         let hit = medium.and_then(|m| {
-            let t = sample_collision(m.ray(&ray, f64::INFINITY), stream, counts)?;
+            let t = settings
+                .tracking
+                .sample_collision(m, &ray, f64::INFINITY, stream, counts)?;
             Some((m, t))
         });
         let Some((medium, t)) = hit else {

@@ -19,6 +19,7 @@ use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
+use crate::tracking::Tracking;
 
 /// Which integrator renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -33,10 +34,12 @@ pub enum IntegratorKind {
 }
 
 /// What the image is, as far as light transport is concerned.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TransportSettings {
     /// Which integrator renders.
     pub integrator: IntegratorKind,
+    /// Which estimators track its rays.
+    pub tracking: Tracking,
     /// Paths end after this many scattering events. `None`: never, by roulette only.
     ///
     /// BIAS: a cap darkens the image; it is off unless asked for.

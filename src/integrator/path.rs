@@ -20,7 +20,7 @@ use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use crate::tracking::{estimate_transmittance, sample_collision};
+use crate::tracking::Tracking;
 use glam::DVec3;
 
 /// Paths of less weight are raised to it or ended, by their ratio.
@@ -61,7 +61,9 @@ pub(super) fn sample_radiance(
     let mut bounces = 0;
     loop {
         let hit = medium.and_then(|m| {
-            let t = sample_collision(m.ray(&ray, f64::INFINITY), stream, counts)?;
+            let t = settings
+                .tracking
+                .sample_collision(m, &ray, f64::INFINITY, stream, counts)?;
             Some((m, t))
         });
         let Some((medium, t)) = hit else {
@@ -108,7 +110,8 @@ pub(super) fn sample_radiance(
             for (i, sun) in lights.distant.iter().enumerate() {
                 let believed = guide.root_transmittance(i, p).max(LEAST_BELIEF);
                 let worth = believed / least;
-                radiance += vertex.direct_light(medium, sun, worth, stream, counts);
+                radiance +=
+                    vertex.direct_light(medium, &settings.tracking, sun, worth, stream, counts);
             }
             let (guided, weight) = guide.sample(medium.phase(), p, ray.direction, stream);
             throughput *= weight;
@@ -139,6 +142,7 @@ impl Vertex {
     fn direct_light(
         &self,
         medium: &Medium,
+        tracking: &Tracking,
         sun: &DistantLight,
         worth: f32,
         stream: &mut Stream,
@@ -159,9 +163,10 @@ impl Vertex {
             origin: self.p,
             direction: light.direction,
         };
-        let ray = medium.ray(&ray, f64::INFINITY);
         counts.shadow_rays += 1;
         let least = worth.recip().min(1.0);
-        unoccluded * (estimate_transmittance(ray, least, stream, counts) / probability)
+        let transmittance =
+            tracking.estimate_transmittance(medium, &ray, f64::INFINITY, least, stream, counts);
+        unoccluded * (transmittance / probability)
     }
 }

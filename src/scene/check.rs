@@ -10,7 +10,8 @@ use std::sync::Arc;
 use toml::Spanned;
 
 use super::check_light::check_lights;
-use super::desc::{PhaseDesc, PhaseKind, SceneDesc, VolumeDesc};
+use super::check_tracking::{check_medium, check_tracking};
+use super::desc::{PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
@@ -42,6 +43,7 @@ pub struct Checked {
     volume: CheckedVolume,
     lights: Lights,
     transport: TransportSettings,
+    render: RenderDesc,
 }
 
 #[derive(Clone, Debug)]
@@ -49,6 +51,7 @@ struct CheckedVolume {
     file: Spanned<PathBuf>,
     path: PathBuf,
     grid: Spanned<String>,
+    scale: Range<usize>,
     sigma_t_per_density: f32,
     albedo: Rgb,
     phase: Phase,
@@ -87,8 +90,10 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
         lights,
         transport: TransportSettings {
             integrator: *desc.render.integrator.get_ref(),
+            tracking: check_tracking(source, &desc.render)?,
             max_bounces: desc.render.max_bounces,
         },
+        render: desc.render.clone(),
     })
 }
 
@@ -182,6 +187,7 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         file: file.clone(),
         path: source.folder().join(file.get_ref()),
         grid: density.grid.clone(),
+        scale: place(&density.scale, file),
         sigma_t_per_density,
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
@@ -264,8 +270,12 @@ impl Checked {
     }
 
     /// Puts the loaded volume into the scene.
-    pub fn into_scene(self, volume: &LoadedVolume) -> Scene {
+    ///
+    /// # Errors
+    /// If the extinction is not finite, or the estimators asked for cannot track the volume.
+    pub fn into_scene(self, volume: &LoadedVolume) -> Result<Scene, SceneError> {
         let CheckedVolume {
+            scale,
             sigma_t_per_density,
             albedo,
             phase,
@@ -273,17 +283,27 @@ impl Checked {
         } = self.volume;
         let [width, height] = self.resolution;
         let grid = Arc::clone(&volume.grid);
-        Scene {
+        let medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        // The largest rate at which anything is drawn.
+        if !(medium.majorant() * self.transport.tracking.rate).is_finite() {
+            let max = medium.grid().bound().max;
+            let message = format!("a density of {max} times {sigma_t_per_density} is too large");
+            let expected = "an extinction below 3e38 per world unit";
+            let error = self.source.error(scale, message, expected);
+            return Err(SceneError::Description(error));
+        }
+        check_medium(&self.source, &self.render, &medium).map_err(SceneError::Description)?;
+        Ok(Scene {
             width,
             height,
             spp: self.spp,
             seed: self.seed,
             frame: self.frame,
             camera: self.camera,
-            medium: Some(Medium::new(grid, sigma_t_per_density, albedo, phase)),
+            medium: Some(medium),
             lights: self.lights,
             transport: self.transport,
-        }
+        })
     }
 }
 

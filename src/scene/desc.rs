@@ -14,6 +14,7 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::integrator::IntegratorKind;
+use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 
 /// Makes a value that stands nowhere in a file, as defaults do.
 pub fn unplaced<T>(value: T) -> Spanned<T> {
@@ -193,16 +194,32 @@ pub struct RenderDesc {
     ///
     /// BIAS: a cap darkens the image.
     pub max_bounces: Option<u32>,
+    /// How the distance to the next collision is drawn.
+    pub distance: Spanned<DistanceEstimator>,
+    /// How the transmittance of a shadow ray is estimated.
+    pub transmittance: Spanned<TransmittanceEstimator>,
+    /// Which bounds both use.
+    pub bounds: BoundsKind,
+    /// Tentative collisions for each unit of the bound.
+    pub collision_rate: Spanned<f64>,
+    /// Of `approx-ray-marching`: step in voxels.
+    pub march_step: Spanned<f64>,
 }
 
 impl Default for RenderDesc {
     fn default() -> Self {
+        let tracking = Tracking::default();
         Self {
             spp: unplaced(64),
             seed: unplaced(0),
             frame: 0,
             integrator: unplaced(IntegratorKind::Path),
             max_bounces: None,
+            distance: unplaced(tracking.distance),
+            transmittance: unplaced(tracking.transmittance),
+            bounds: tracking.bounds,
+            collision_rate: unplaced(tracking.rate.into()),
+            march_step: unplaced(tracking.march_step),
         }
     }
 }

@@ -13,6 +13,7 @@
 
 mod check;
 mod check_light;
+mod check_tracking;
 pub mod default_look;
 pub mod desc;
 mod error;

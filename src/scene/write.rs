@@ -7,7 +7,9 @@ use std::fmt::Write as _;
 
 use toml::Spanned;
 
-use super::desc::{DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, SceneDesc, VolumeDesc};
+use super::desc::{
+    DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc,
+};
 use crate::integrator::IntegratorKind;
 
 /// Writes `desc` below `header`, whose lines become comments.
@@ -58,7 +60,39 @@ pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
     if let Some(n) = render.max_bounces {
         push(&mut out, format_args!("max_bounces = {n}"));
     }
+    push_tracking(&mut out, render);
     out
+}
+
+/// Writes what differs from the defaults: few scenes name their estimators.
+fn push_tracking(out: &mut String, render: &RenderDesc) {
+    let default = RenderDesc::default();
+    let RenderDesc {
+        distance,
+        transmittance,
+        bounds,
+        collision_rate,
+        march_step,
+        ..
+    } = render;
+    if distance.get_ref() != default.distance.get_ref() {
+        push(out, format_args!("distance = \"{}\"", distance.get_ref()));
+    }
+    if transmittance.get_ref() != default.transmittance.get_ref() {
+        let name = transmittance.get_ref();
+        push(out, format_args!("transmittance = \"{name}\""));
+    }
+    if *bounds != default.bounds {
+        push(out, format_args!("bounds = \"{bounds}\""));
+    }
+    for (key, value, usual) in [
+        ("collision_rate", collision_rate, default.collision_rate),
+        ("march_step", march_step, default.march_step),
+    ] {
+        if value.get_ref() != usual.get_ref() {
+            push(out, format_args!("{key} = {}", number(*value.get_ref())));
+        }
+    }
 }
 
 fn push_volume(out: &mut String, volume: &VolumeDesc) {

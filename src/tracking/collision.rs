@@ -1,13 +1,14 @@
-//! The free-flight loop: tentative collisions at the majorant rate along a ray.
+//! The free-flight loop: tentative collisions along a ray, at a rate for each segment.
 //!
-//! Null matter of extinction `sigma_n = sigma_maj − sigma_t` is added in thought, so that the
-//! total is constant on each segment and a free path is an exponential number `[Woodcock1965]`.
-//! The number is an optical depth; crossing from one segment to the next uses it up at the
-//! segment's own rate. That is exact, since the exponential distribution has no memory, and it
-//! saves drawing anew at each border. A segment whose extinction is constant needs no null
-//! matter and no lookup: there the visitor may use the closed form.
+//! The distance to the next tentative collision is an exponential number, drawn as an optical
+//! depth `[Woodcock1965]`; crossing from one segment to the next uses it up at the segment's own
+//! rate. That is exact, since the exponential distribution has no memory, and it saves drawing
+//! anew at each border.
 //!
-//! This is the only place that draws free flights. What a collision means is the visitor's.
+//! This is the only place that draws free flights. At which rate, and what a collision means, is
+//! the visitor's: delta tracking collides at the majorant and accepts or rejects, ratio tracking
+//! weighs, decomposition accepts some without looking, exact methods settle a segment without
+//! collisions. Bound and rate are two numbers.
 
 use std::ops::ControlFlow;
 
@@ -20,20 +21,31 @@ use crate::stats::Counts;
 pub struct Collision {
     /// World distance.
     pub t: f64,
-    /// Unbiased estimate of the extinction there, at most `sigma_maj`.
-    pub sigma_t: f32,
-    /// The majorant: the rate at which collisions were drawn. Never zero.
-    pub sigma_maj: f32,
+    /// The rate at which collisions are drawn here. Never zero.
+    pub rate: f32,
 }
 
 /// What an estimator does along the way.
 pub trait Visitor {
-    /// Decides a homogeneous segment in closed form, without collisions, if it returns `true`.
-    fn cross(&mut self, segment: &BoundSegment) -> bool;
+    /// Enters a segment and returns the rate at which to draw collisions in it.
+    ///
+    /// A visitor that settles the segment by itself, in closed form or cell by cell, returns 0.
+    /// It may use up some of `depth`, the exponential number that is left, as an optical depth
+    /// of its own; or break, to end the walk.
+    fn enter(
+        &mut self,
+        ray: &mut MediumRay<'_>,
+        segment: &BoundSegment,
+        depth: &mut f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> ControlFlow<(), f32>;
 
-    /// Takes a collision; breaks to end the walk.
+    /// Takes a collision in the segment entered last; breaks to end the walk.
     fn collide(
         &mut self,
+        ray: &mut MediumRay<'_>,
+        segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
         counts: &mut Counts,
@@ -43,8 +55,8 @@ pub trait Visitor {
 /// Visits the tentative collisions of a ray in order until the visitor breaks or the ray ends.
 ///
 /// # Cost
-/// One exponential number and one voxel for each collision, and one step of the walk for each
-/// cell. The expected number of collisions is the integral of the majorant.
+/// One exponential number for each collision, and one step of the walk for each segment. The
+/// expected number of collisions is the integral of the rate.
 #[inline] // bench: frame
 pub fn walk<V: Visitor>(
     ray: &mut MediumRay<'_>,
@@ -52,48 +64,59 @@ pub fn walk<V: Visitor>(
     counts: &mut Counts,
     visitor: &mut V,
 ) {
-    // Optical depth, at the majorant rate, to the next collision.
+    // Optical depth, at the segments' rates, to the next collision.
     let mut depth = stream.exponential();
     while let Some(segment) = ray.next_segment() {
         counts.segments += 1;
-        let homogeneous = segment.is_homogeneous();
-        if homogeneous && visitor.cross(&segment) {
-            continue;
-        }
-        // Not zero: the walk leaves out segments whose bound is.
-        let sigma_maj = segment.sigma_maj;
+        let ControlFlow::Continue(rate) = visitor.enter(ray, &segment, &mut depth, stream, counts)
+        else {
+            return;
+        };
         let mut t = segment.t0;
         loop {
-            let left = optical_depth(sigma_maj, segment.t1 - t);
+            let left = optical_depth(rate, segment.t1 - t);
             if depth >= left {
                 depth -= left;
                 break;
             }
             // Rounding may carry the sum past the end, where another bound holds.
-            t = (t + f64::from(depth / sigma_maj)).min(segment.t1);
+            t = (t + f64::from(depth / rate)).min(segment.t1);
             depth = stream.exponential();
             counts.tentative_collisions += 1;
-            let sigma_t = if homogeneous {
-                sigma_maj
-            } else {
-                counts.lookups += 1;
-                ray.estimate_sigma_t(t, stream.bits())
-            };
-            debug_assert!(
-                sigma_t <= sigma_maj,
-                "extinction {sigma_t} above bound {sigma_maj}"
-            );
-            counts.bound_violations += u64::from(sigma_t > sigma_maj);
-            let collision = Collision {
-                t,
-                sigma_t,
-                sigma_maj,
-            };
-            if visitor.collide(&collision, stream, counts).is_break() {
+            let collision = Collision { t, rate };
+            if visitor
+                .collide(ray, &segment, &collision, stream, counts)
+                .is_break()
+            {
                 return;
             }
         }
     }
+}
+
+/// Looks up the extinction at a collision: an unbiased estimate between the segment's bounds,
+/// linear in the voxels' values.
+#[inline] // bench: frame
+pub(super) fn look_up(
+    ray: &mut MediumRay<'_>,
+    segment: &BoundSegment,
+    t: f64,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> f32 {
+    counts.lookups += 1;
+    let sigma_t = ray.estimate_sigma_t(t, stream.bits());
+    let BoundSegment {
+        sigma_min,
+        sigma_maj,
+        ..
+    } = *segment;
+    debug_assert!(
+        (sigma_min..=sigma_maj).contains(&sigma_t),
+        "extinction {sigma_t} outside of its bounds [{sigma_min}, {sigma_maj}]"
+    );
+    counts.bound_violations += u64::from(sigma_t > sigma_maj || sigma_t < sigma_min);
+    sigma_t
 }
 
 /// Returns the optical depth of `length` at a constant extinction.

@@ -1,14 +1,17 @@
 //! Estimators along one ray: where the next collision is, and how much light gets through.
 //!
 //! * [`collision`]: the one loop that draws free flights over bound segments.
-//! * [`distance`]: delta tracking, the distance to the next real collision.
-//! * [`transmittance`]: ratio tracking, the fraction of light that passes.
+//! * [`distance`]: closed form, delta, decomposition and regular tracking.
+//! * [`transmittance`]: closed form, exact, ratio, residual ratio, delta, ray marching.
+//! * [`Tracking`]: which of them, by name.
 //!
-//! Both estimators are visitors of the one loop. No lights, camera or film here.
+//! Every estimator is a visitor of the one loop. The bound (which segments a ray is cut into) and
+//! the rate (how many collisions are drawn for each unit of it) are separate parameters of all of
+//! them. No lights, camera or film here.
 
 pub mod collision;
 pub mod distance;
+mod settings;
 pub mod transmittance;
 
-pub use distance::sample_collision;
-pub use transmittance::estimate_transmittance;
+pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};

@@ -1,0 +1,217 @@
+//! Which estimators, by the names that scene files and the command line use.
+
+use std::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use super::distance::{self, FreeFlight};
+use super::transmittance::{self, Attenuation, approx_ray_marching};
+use crate::medium::{Medium, Segments};
+use crate::sampling::Stream;
+use crate::space::Ray;
+use crate::stats::Counts;
+
+/// An enum whose variants have the names that scene files and the command line use.
+macro_rules! named {
+    ($(#[$doc:meta])* $name:ident { $($(#[$variant_doc:meta])* $variant:ident = $text:literal,)* }) => {
+        $(#[$doc])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+        pub enum $name {
+            $($(#[$variant_doc])* #[serde(rename = $text)] $variant,)*
+        }
+
+        impl $name {
+            /// All of them, in the order of the documentation.
+            pub const ALL: &'static [Self] = &[$(Self::$variant),*];
+
+            /// Returns its name in scene files and on the command line.
+            pub fn name(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $text,)*
+                }
+            }
+        }
+
+        impl fmt::Display for $name {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+    };
+}
+
+named! {
+    /// How the distance to the next collision is drawn. All draw from the same distribution.
+    DistanceEstimator {
+        /// Decomposition, and regular tracking in segments where it is cheaper.
+        #[default]
+        Auto = "auto",
+        /// By inverting the exponential; for media that are homogeneous throughout.
+        ClosedForm = "closed-form",
+        /// By adding up the optical depth cell by cell.
+        Regular = "regular",
+        /// By tentative collisions, real with probability `sigma_t / sigma_maj`.
+        Delta = "delta",
+        /// As `Delta`, but the segment's minimum collides without a lookup.
+        Decomposition = "decomposition",
+    }
+}
+
+named! {
+    /// How the transmittance of a ray is estimated.
+    TransmittanceEstimator {
+        /// Residual ratio tracking, and exact in segments where it is cheaper.
+        #[default]
+        Auto = "auto",
+        /// By the exponential; for media that are homogeneous throughout.
+        ClosedForm = "closed-form",
+        /// By adding up the optical depth cell by cell: no variance.
+        Exact = "exact",
+        /// The product of the probabilities of null collisions.
+        Ratio = "ratio",
+        /// As `Ratio`, after a control has been taken out in closed form.
+        ResidualRatio = "residual-ratio",
+        /// 1 where delta tracking meets nothing, else 0.
+        Delta = "delta",
+        /// BIAS: the exponential of a sum over equidistant points; the image is too bright.
+        ApproxRayMarching = "approx-ray-marching",
+    }
+}
+
+named! {
+    /// Which bounds tracking uses. The tighter, the fewer null collisions and the more steps.
+    BoundsKind {
+        /// The hierarchy.
+        #[default]
+        Auto = "auto",
+        /// One bound for the whole volume.
+        Global = "global",
+        /// One bound for each brick of 8³ voxels.
+        Brick = "brick",
+        /// That of a brick, or of a node of 128³ where it makes few collisions more.
+        Hierarchy = "hierarchy",
+    }
+}
+
+/// Which estimators track rays, and their parameters.
+///
+/// The defaults are unbiased and right for almost every volume.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Tracking {
+    /// How the distance to the next collision is drawn.
+    pub distance: DistanceEstimator,
+    /// How the transmittance of a ray is estimated.
+    pub transmittance: TransmittanceEstimator,
+    /// Which bounds they use.
+    pub bounds: BoundsKind,
+    /// Tentative collisions for each unit of the bound, 1 or more. More lower the variance of
+    /// ratio tracking and cost lookups.
+    pub rate: f32,
+    /// Of `ApproxRayMarching`: length of a step, in voxels.
+    pub march_step: f64,
+}
+
+impl Default for Tracking {
+    fn default() -> Self {
+        Self {
+            distance: DistanceEstimator::default(),
+            transmittance: TransmittanceEstimator::default(),
+            bounds: BoundsKind::default(),
+            rate: 1.0,
+            march_step: 1.0,
+        }
+    }
+}
+
+/// Optical depth below which a node of 128³ voxels is crossed in one segment.
+///
+/// A step costs about as much as a collision, and a ray meets up to 46 bricks in a node.
+const MERGED_DEPTH: f32 = 2.0;
+
+impl Tracking {
+    /// Draws the world distance of the next collision from 0 to `t_max`; `None` if there is
+    /// none, with the probability of the transmittance.
+    ///
+    /// # Cost
+    /// See [`distance`].
+    #[inline] // bench: frame
+    pub fn sample_collision(
+        &self,
+        medium: &Medium,
+        ray: &Ray,
+        t_max: f64,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Option<f64> {
+        let (decompose, exact_above) = match self.distance {
+            DistanceEstimator::Auto => (true, distance::EXACT_COLLISIONS_PER_VOXEL),
+            DistanceEstimator::ClosedForm | DistanceEstimator::Regular => (true, 0.0),
+            DistanceEstimator::Delta => (false, f64::INFINITY),
+            DistanceEstimator::Decomposition => (true, f64::INFINITY),
+        };
+        let flight = FreeFlight {
+            rate: self.rate,
+            decompose,
+            exact_above,
+        };
+        let ray = medium.ray_over(ray, t_max, self.segments(exact_above));
+        flight.sample(ray, stream, counts)
+    }
+
+    /// Estimates the transmittance from 0 to `t_max`, unbiased unless ray marching is asked for.
+    ///
+    /// Weights below `roulette_weight` are raised to it or dropped to zero, by their ratio: 0
+    /// turns roulette off; 1 makes every estimate 0 or 1; above 1 most rays end before they
+    /// start, for a caller who knows how little a whole one would matter. Delta tracking and ray
+    /// marching play none.
+    ///
+    /// # Cost
+    /// See [`transmittance`].
+    #[inline] // bench: frame
+    pub fn estimate_transmittance(
+        &self,
+        medium: &Medium,
+        ray: &Ray,
+        t_max: f64,
+        roulette_weight: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> f32 {
+        use TransmittanceEstimator as E;
+        let (residual, exact_above) = match self.transmittance {
+            E::Auto => (true, transmittance::EXACT_COLLISIONS_PER_VOXEL),
+            E::ClosedForm | E::Exact => (false, 0.0),
+            E::Ratio => (false, f64::INFINITY),
+            E::ResidualRatio => (true, f64::INFINITY),
+            E::Delta => {
+                let delta = Self {
+                    distance: DistanceEstimator::Delta,
+                    ..*self
+                };
+                let hit = delta.sample_collision(medium, ray, t_max, stream, counts);
+                return if hit.is_none() { 1.0 } else { 0.0 };
+            }
+            E::ApproxRayMarching => {
+                let ray = medium.ray(ray, t_max);
+                return approx_ray_marching(ray, self.march_step, stream, counts);
+            }
+        };
+        let attenuation = Attenuation {
+            rate: self.rate,
+            residual,
+            exact_above,
+        };
+        let ray = medium.ray_over(ray, t_max, self.segments(exact_above));
+        attenuation.estimate(ray, roulette_weight, stream, counts)
+    }
+
+    /// Exact methods walk voxels, whatever the bound: larger segments would hide empty bricks.
+    fn segments(&self, exact_above: f64) -> Segments {
+        match self.bounds {
+            _ if exact_above == 0.0 => Segments::Bricks,
+            BoundsKind::Global => Segments::Whole,
+            BoundsKind::Brick => Segments::Bricks,
+            BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        }
+    }
+}
