@@ -45,10 +45,15 @@ const TABLE: &[(&str, &str)] = &[
         "scene plan camera integrator film sampling stats light medium space spectrum",
     ),
     ("output", "output film camera stats spectrum space"),
+    ("plot", ""),
+    (
+        "converge",
+        "converge scene integrator tracking render film sampling stats output plot",
+    ),
     (
         "cli",
         "cli space spectrum stats sampling grid vdb phase camera light film medium tracking \
-         integrator scene plan render output",
+         integrator scene plan render output converge",
     ),
 ];
 

@@ -12,12 +12,17 @@
 pub mod bias;
 pub mod bootstrap;
 pub mod checkpoint;
+mod covered;
+pub mod estimator;
 pub mod flip;
 pub mod ladder;
 pub mod metrics;
 pub mod picture;
 mod reference;
+pub mod report;
+pub mod results;
 mod summary;
 
+pub use covered::{LEAST_DEPTH, covered_pixels};
 pub use reference::Reference;
 pub use summary::{Estimate, Mean, Point, Summary, Timing, summarise};
