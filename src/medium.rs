@@ -96,6 +96,31 @@ impl Medium {
         self.grid.is_homogeneous()
     }
 
+    /// Returns the mean edge of a voxel in world units.
+    pub fn mean_voxel_size(&self) -> f64 {
+        self.grid.transform().voxel_size().element_sum() / 3.0
+    }
+
+    /// Returns what a ray meets in each brick that is not empty, as segments without length.
+    pub fn brick_segments(&self) -> impl Iterator<Item = BoundSegment> + '_ {
+        let bounds = self.grid.brick_bounds();
+        bounds.map(|bound| self.bound_segment(bound, (0.0, 0.0), 8.0))
+    }
+
+    /// Gives the bound of a cell `edge` voxels wide its optics.
+    #[inline] // bench: frame
+    fn bound_segment(&self, bound: Bound, (t0, t1): (f64, f64), edge: f32) -> BoundSegment {
+        let scale = self.sigma_t_per_density;
+        BoundSegment {
+            t0,
+            t1,
+            sigma_min: bound.min * scale,
+            sigma_maj: bound.max * scale,
+            sigma_mean: bound.mean * scale,
+            diagonal: edge * self.voxel_diagonal,
+        }
+    }
+
     /// Prepares the walk of a ray through the medium, from `t = 0` to `t_max`, brick by brick.
     #[inline] // bench: frame
     pub fn ray(&self, ray: &Ray, t_max: f64) -> MediumRay<'_> {
@@ -120,8 +145,7 @@ impl Medium {
             sampler: self.grid.sampler(),
             origin,
             direction,
-            sigma_t_per_density: self.sigma_t_per_density,
-            voxel_diagonal: self.voxel_diagonal,
+            medium: self,
             segment: None,
         }
     }
@@ -134,8 +158,8 @@ pub enum Segments {
     Whole,
     /// A segment for every brick of 8³ voxels.
     Bricks,
-    /// As `Bricks`, but one for a node of 128³ voxels where its majorant, times the length of the
-    /// ray inside it, is below this optical depth.
+    /// As `Bricks`, but one for the whole medium, or for a node of 128³ voxels, where its majorant,
+    /// times the length of the ray inside it, is below this optical depth.
     Merged(f32),
 }
 
@@ -187,8 +211,7 @@ pub struct MediumRay<'a> {
     /// In index space.
     origin: DVec3,
     direction: DVec3,
-    sigma_t_per_density: f32,
-    voxel_diagonal: f32,
+    medium: &'a Medium,
     segment: Option<Segment>,
 }
 
@@ -197,21 +220,12 @@ impl MediumRay<'_> {
     #[inline] // bench: frame
     pub fn next_segment(&mut self) -> Option<BoundSegment> {
         self.segment = self.traversal.next();
-        let scale = self.sigma_t_per_density;
         self.segment.as_ref().map(|s| {
-            let Bound { min, max, mean } = s.bound;
             // Only the grid's own box can be longer than 4096 voxels; an estimate all the same.
             let edge = f64::from(s.last.x) - f64::from(s.first.x) + 1.0;
             #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
-            let diagonal = edge as f32 * self.voxel_diagonal;
-            BoundSegment {
-                t0: s.t0,
-                t1: s.t1,
-                sigma_min: min * scale,
-                sigma_maj: max * scale,
-                sigma_mean: mean * scale,
-                diagonal,
-            }
+            let edge = edge as f32;
+            self.medium.bound_segment(s.bound, (s.t0, s.t1), edge)
         })
     }
 
@@ -227,7 +241,7 @@ impl MediumRay<'_> {
     /// One step and eight loads for each voxel cell.
     #[inline] // bench: frame
     pub fn optical_depth(&mut self, counts: &mut Counts) -> f64 {
-        let scale = f64::from(self.sigma_t_per_density);
+        let scale = f64::from(self.medium.sigma_t_per_density);
         let mut sum = 0.0;
         for cubic in self.voxels() {
             counts.voxel_cells += 1;
@@ -243,7 +257,7 @@ impl MediumRay<'_> {
     /// As [`optical_depth`](Self::optical_depth), up to there.
     #[inline] // bench: frame
     pub fn reach_depth(&mut self, depth: &mut f64, counts: &mut Counts) -> Option<f64> {
-        let scale = f64::from(self.sigma_t_per_density);
+        let scale = f64::from(self.medium.sigma_t_per_density);
         for cubic in self.voxels() {
             counts.voxel_cells += 1;
             let cell = cubic.integral() * scale;
@@ -273,13 +287,13 @@ impl MediumRay<'_> {
     #[inline] // bench: frame
     pub fn estimate_sigma_t(&mut self, t: f64, bits: u64) -> f32 {
         let p = self.point_in_segment(t);
-        self.sampler.stochastic(p, bits) * self.sigma_t_per_density
+        self.sampler.stochastic(p, bits) * self.medium.sigma_t_per_density
     }
 
     /// Returns the trilinear extinction at `t` in the current segment.
     pub fn sigma_t(&mut self, t: f64) -> f32 {
         let p = self.point_in_segment(t);
-        self.sampler.trilinear(p) * self.sigma_t_per_density
+        self.sampler.trilinear(p) * self.medium.sigma_t_per_density
     }
 
     #[inline] // bench: frame

@@ -8,8 +8,10 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::integrator::IntegratorKind;
+use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::scene::Scene;
+use crate::tracking::{BoundsKind, DistanceEstimator, Survey, Tracking, TransmittanceEstimator};
 
 /// One decision.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -26,8 +28,9 @@ impl fmt::Display for PlanLine {
     }
 }
 
-/// Lists what rendering `scene` uses and leaves out.
-pub fn plan(scene: &Scene) -> Vec<PlanLine> {
+/// Lists what rendering `scene` uses and leaves out; `unused_grids` are those that were not
+/// loaded.
+pub fn plan(scene: &Scene, unused_grids: &[String]) -> Vec<PlanLine> {
     let mut lines = Vec::new();
     let mut add = |what: &str, why: &str| {
         lines.push(PlanLine {
@@ -35,6 +38,13 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
             why: why.to_owned(),
         });
     };
+    if !unused_grids.is_empty() {
+        let names = unused_grids.join(", ");
+        add(
+            &format!("grids not loaded: {names}"),
+            "the scene names none of them",
+        );
+    }
     let Scene {
         medium,
         lights,
@@ -47,7 +57,7 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
     }
     match (lights.distant.len(), transport.integrator) {
         (0, _) => add("no shadow rays", "the scene has no sun"),
-        (_, IntegratorKind::Path) => add("shadow rays", "ratio tracking towards each sun"),
+        (_, IntegratorKind::Path) => add("shadow rays", "towards each sun"),
         (_, IntegratorKind::Analog) => add("no shadow rays", "suns are found by chance"),
     }
     if lights.environment.is_black() {
@@ -58,6 +68,8 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
     }
     if let Some(medium) = medium {
         add("active masks dropped", "rendering reads values only");
+        let shadows = transport.integrator == IntegratorKind::Path && !lights.distant.is_empty();
+        add_tracking(&mut add, medium, transport.tracking, shadows);
         match medium.phase() {
             Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
             Phase::HenyeyGreenstein { g: 0.0 } => {
@@ -78,6 +90,10 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
             add("empty medium", "the density scale is 0");
         }
     }
+    add(
+        "no image channels but R G B A Z, variance, sampleCount",
+        "none are asked for",
+    );
     match transport.max_bounces {
         None => add(
             "no depth cap",
@@ -89,4 +105,65 @@ pub fn plan(scene: &Scene) -> Vec<PlanLine> {
         ),
     }
     lines
+}
+
+/// Adds which estimators track rays, and how often `auto` takes which.
+fn add_tracking(
+    add: &mut impl FnMut(&str, &str),
+    medium: &Medium,
+    tracking: Tracking,
+    shadows: bool,
+) {
+    let survey = Survey::new(medium, tracking.rate);
+    let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
+    let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
+    let (distance, why) = match tracking.distance {
+        DistanceEstimator::Auto => (
+            "decomposition and regular tracking".to_owned(),
+            format!(
+                "auto; closed form in {} of bricks, no lookup below the minimum in {}, cell by cell \
+                 in {}, where collisions would be dense; delta tracking otherwise",
+                share(survey.homogeneous),
+                share(survey.decomposed),
+                share(survey.regular),
+            ),
+        ),
+        other => asked(other.name()),
+    };
+    add(&format!("distance by {distance}"), &why);
+    if shadows {
+        let (transmittance, why) = match tracking.transmittance {
+            TransmittanceEstimator::Auto => (
+                "residual ratio tracking and exact integration".to_owned(),
+                format!(
+                    "auto; closed form in {} of bricks, exact in {}, where collisions would be \
+                     dense; a control and ratio tracking otherwise",
+                    share(survey.homogeneous),
+                    share(survey.exact),
+                ),
+            ),
+            TransmittanceEstimator::ApproxRayMarching => (
+                format!("ray marching in steps of {} voxels", tracking.march_step),
+                "BIASED, asked for: the image is too bright".to_owned(),
+            ),
+            other => asked(other.name()),
+        };
+        add(&format!("transmittance by {transmittance}"), &why);
+    }
+    let (bounds, why) = match tracking.bounds {
+        BoundsKind::Auto => (
+            "the hierarchy",
+            "auto; the largest cell that makes few collisions",
+        ),
+        other => (other.name(), "asked for"),
+    };
+    add(&format!("bounds of {bounds}"), why);
+    // 1: the bound itself.
+    if tracking.rate > 1.0 {
+        let rate = tracking.rate;
+        add(
+            &format!("collisions at {rate} times the bound"),
+            "asked for",
+        );
+    }
 }

@@ -271,6 +271,10 @@ fn wrong_usage_ends_with_2() {
         &["--seed", "18446744073709551616"],
         &["--max-memory", "much"],
         &["--integrator", "magic"],
+        &["--distance", "woodcock"],
+        &["--transmittance", "ratios"],
+        &["--bounds", "local"],
+        &["--march-step", "long"],
         &["--up", "z"],
         &["-o", "out.png"],
         &["-o", "out.exr", "--preview-png=out.exr"],
@@ -279,6 +283,60 @@ fn wrong_usage_ends_with_2() {
         assert_eq!(code(&majorant(&args)), 2, "{wrong:?}");
     }
     assert_eq!(code(&majorant(&["rendr"])), 2);
+}
+
+#[test]
+fn every_estimator_renders_by_name_and_is_explained() {
+    let folder = Folder::new();
+    let out = folder.path("a.exr");
+    let scene = concat!(env!("CARGO_MANIFEST_DIR"), "/data/scenes/tower.toml");
+    let small = ["-r", "16x9", "--spp", "1", "-o", &out];
+    let estimators = [
+        ("--distance", "delta"),
+        ("--distance", "decomposition"),
+        ("--distance", "regular"),
+        ("--transmittance", "ratio"),
+        ("--transmittance", "residual-ratio"),
+        ("--transmittance", "exact"),
+        ("--transmittance", "delta"),
+        ("--transmittance", "approx-ray-marching"),
+        ("--bounds", "global"),
+        ("--bounds", "brick"),
+        ("--bounds", "hierarchy"),
+        ("--distance", "auto"),
+    ];
+    for (option, name) in estimators {
+        let args = [&["render", scene, "--explain", option, name][..], &small].concat();
+        let run = majorant(&args);
+        assert_eq!(code(&run), 0, "{option} {name}: {}", stderr(&run));
+        let said = String::from_utf8(run.stdout).expect("text");
+        let line = match name {
+            "auto" => "distance by decomposition and regular tracking: auto; closed form in",
+            "approx-ray-marching" => "BIASED",
+            other => &format!(" {other}: asked for"),
+        };
+        assert!(said.contains(line), "{option} {name}: {said}");
+    }
+}
+
+#[test]
+fn estimators_that_cannot_track_a_volume_are_errors() {
+    let folder = Folder::new();
+    let scene = scene(&folder);
+    for (option, instead) in [("--distance", "regular"), ("--transmittance", "exact")] {
+        let run = majorant(&["render", &scene, option, "closed-form"]);
+        assert_eq!(code(&run), 3);
+        let text = stderr(&run);
+        assert!(text.contains("the density varies along rays"), "{text}");
+        assert!(text.contains(instead), "{text}");
+    }
+    let run = majorant(&["render", &scene, "--collision-rate", "0.5"]);
+    assert_eq!(code(&run), 3);
+    assert!(
+        stderr(&run).contains("collision_rate is 0.5"),
+        "{}",
+        stderr(&run)
+    );
 }
 
 #[test]

@@ -156,7 +156,7 @@ impl Stats {
             image_mean: [0.0; 3],
             image_standard_error: [0.0; 3],
             grid: GridStats::new(volume),
-            plan: majorant::plan::plan(scene),
+            plan: majorant::plan::plan(scene, &volume.unused_grids),
         }
     }
 }

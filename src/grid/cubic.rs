@@ -12,7 +12,7 @@
 use glam::{DVec3, IVec3};
 
 use super::sampler::Sampler;
-use super::traverse::Segment;
+use super::traverse::{Segment, smallest};
 use crate::space::floor_to_voxel;
 
 /// The value along a ray within one voxel cell.
@@ -123,6 +123,8 @@ pub struct VoxelWalk<'s, 'a> {
     inverse: DVec3,
     segment: Segment,
     cell: IVec3,
+    /// Where the ray leaves the cell, for each axis.
+    exit: DVec3,
     t: f64,
 }
 
@@ -136,26 +138,30 @@ impl<'s, 'a> VoxelWalk<'s, 'a> {
         segment: Segment,
     ) -> Self {
         let start = floor_to_voxel(origin + direction * segment.t0);
-        Self {
+        let mut walk = Self {
             sampler,
             origin,
             direction,
             inverse: DVec3::ONE / direction,
             segment,
             cell: start.clamp(segment.first, segment.last),
+            exit: DVec3::INFINITY,
             t: segment.t0,
+        };
+        for axis in 0..3 {
+            walk.leave_at(axis);
         }
+        walk
     }
 
-    /// Returns where the ray leaves the cell along `axis`; infinity where it never does.
+    /// Finds where the ray leaves the cell along `axis`; never if it runs across that axis.
     #[inline] // bench: lookup
-    fn exit(&self, axis: usize) -> f64 {
+    fn leave_at(&mut self, axis: usize) {
         let inverse = self.inverse[axis];
-        if !inverse.is_finite() {
-            return f64::INFINITY;
+        if inverse.is_finite() {
+            let plane = f64::from(self.cell[axis]) + f64::from(u8::from(inverse > 0.0));
+            self.exit[axis] = (plane - self.origin[axis]) * inverse;
         }
-        let plane = f64::from(self.cell[axis]) + f64::from(u8::from(inverse > 0.0));
-        (plane - self.origin[axis]) * inverse
     }
 }
 
@@ -168,22 +174,19 @@ impl Iterator for VoxelWalk<'_, '_> {
         if t0 >= end {
             return None;
         }
-        let exits = [self.exit(0), self.exit(1), self.exit(2)];
-        let mut axis = usize::from(exits[1] < exits[0]);
-        if exits[2] < exits[axis] {
-            axis = 2;
-        }
+        let axis = smallest(self.exit);
         let cell = self.cell;
         let step = if self.inverse[axis] > 0.0 { 1 } else { -1 };
         let next = cell[axis].saturating_add(step);
         let inside = next >= self.segment.first[axis] && next <= self.segment.last[axis];
         // The last cell takes whatever rounding leaves before the segment's end.
         let t1 = if inside {
-            exits[axis].clamp(t0, end)
+            self.exit[axis].clamp(t0, end)
         } else {
             end
         };
         self.cell[axis] = next;
+        self.leave_at(axis);
         self.t = t1;
         let low = cell.as_dvec3();
         let local = |t: f64| {

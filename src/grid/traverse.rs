@@ -43,8 +43,8 @@ pub enum Cells {
     Whole,
     /// Bricks of 8³ voxels; tiles and empty nodes, whatever their size, are one cell.
     Bricks,
-    /// As `Bricks`, but a node of 128³ voxels is one cell where its maximum, times the length of
-    /// the ray inside it, is below this number.
+    /// As `Bricks`, but the whole, or a node of 128³ voxels, is one cell where its maximum, times
+    /// the length of the ray inside it, is below this number.
     Merged(f64),
 }
 
@@ -146,6 +146,11 @@ impl<'a> Traversal<'a> {
             walk.cell = walk.cell_at(t0).clamp(first, last);
             walk.exit = DVec3::new(walk.exit(0, 1), walk.exit(1, 1), walk.exit(2, 1));
             walk.done = false;
+            if let Cells::Merged(below) = cells
+                && f64::from(bounds.whole.max) * (walk.t_end - t0) < below
+            {
+                walk.cells = Cells::Whole;
+            }
         }
         walk
     }
@@ -305,7 +310,7 @@ impl Iterator for Traversal<'_> {
 
 /// Returns the axis of the smallest component.
 #[inline] // bench: traversal
-fn smallest(v: DVec3) -> usize {
+pub(super) fn smallest(v: DVec3) -> usize {
     if v.x <= v.y {
         if v.x <= v.z { 0 } else { 2 }
     } else if v.y <= v.z {

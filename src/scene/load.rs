@@ -31,6 +31,8 @@ pub struct LoadedVolume {
     pub name: String,
     /// Active voxels, tiles counted by their volume, if the file says.
     pub active_voxel_count: Option<u64>,
+    /// Other grids of the file, which were not read beyond the checks.
+    pub unused_grids: Vec<String>,
     /// Bricks of 8³ voxels.
     pub brick_count: usize,
     /// What was changed while loading.
@@ -72,6 +74,12 @@ impl LoadedVolume {
             grid: Arc::new(grid),
             path: archive.path().to_owned(),
             name: info.address.clone(),
+            unused_grids: archive
+                .grids()
+                .iter()
+                .filter(|g| g.address != info.address)
+                .map(|g| g.address.clone())
+                .collect(),
             active_voxel_count: info.active_voxel_count,
             brick_count,
             report,

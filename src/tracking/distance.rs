@@ -36,7 +36,7 @@ use crate::sampling::Stream;
 use crate::stats::Counts;
 
 /// Tentative collisions for each voxel cell above which integrating the cell exactly is cheaper.
-pub const EXACT_COLLISIONS_PER_VOXEL: f64 = 4.0;
+pub const EXACT_COLLISIONS_PER_VOXEL: f64 = 16.0;
 
 /// What the distance estimators share, and where they differ.
 #[derive(Clone, Copy, Debug)]

@@ -3,7 +3,7 @@
 //! * [`collision`]: the one loop that draws free flights over bound segments.
 //! * [`distance`]: closed form, delta, decomposition and regular tracking.
 //! * [`transmittance`]: closed form, exact, ratio, residual ratio, delta, ray marching.
-//! * [`Tracking`]: which of them, by name.
+//! * [`Tracking`]: which of them, by name; [`Survey`]: what `auto` makes of a medium.
 //!
 //! Every estimator is a visitor of the one loop. The bound (which segments a ray is cut into) and
 //! the rate (how many collisions are drawn for each unit of it) are separate parameters of all of
@@ -12,6 +12,8 @@
 pub mod collision;
 pub mod distance;
 mod settings;
+mod survey;
 pub mod transmittance;
 
 pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
+pub use survey::Survey;

@@ -88,7 +88,7 @@ named! {
         Global = "global",
         /// One bound for each brick of 8³ voxels.
         Brick = "brick",
-        /// That of a brick, or of a node of 128³ where it makes few collisions more.
+        /// That of a brick, of a node of 128³ or of the whole: the largest that makes few collisions.
         Hierarchy = "hierarchy",
     }
 }
@@ -123,9 +123,11 @@ impl Default for Tracking {
     }
 }
 
-/// Optical depth below which a node of 128³ voxels is crossed in one segment.
+/// Optical depth of the bound below which the whole volume, or a node of 128³ voxels, is crossed in
+/// one segment.
 ///
-/// A step costs about as much as a collision, and a ray meets up to 46 bricks in a node.
+/// A step from brick to brick costs about as much as a collision, and there are many. The Disney
+/// cloud at a mean depth of 0.13: 0.23 CPU s brick by brick, 0.12 s as a whole.
 const MERGED_DEPTH: f32 = 2.0;
 
 impl Tracking {

@@ -41,7 +41,7 @@ use crate::stats::Counts;
 
 /// Lookups for each voxel cell above which integrating the cell exactly is cheaper, counting the
 /// variance that it saves.
-pub const EXACT_COLLISIONS_PER_VOXEL: f64 = 2.0;
+pub const EXACT_COLLISIONS_PER_VOXEL: f64 = 8.0;
 
 /// What the tracking estimators share, and where they differ.
 #[derive(Clone, Copy, Debug)]
@@ -144,7 +144,7 @@ impl Visitor for Ratio {
 
 /// Returns Novák's control of a segment that is not homogeneous, and the bound of what it leaves.
 #[inline] // bench: frame
-fn residual(segment: &BoundSegment) -> (f32, f32) {
+pub(super) fn residual(segment: &BoundSegment) -> (f32, f32) {
     let BoundSegment {
         sigma_min,
         sigma_maj,
