@@ -101,7 +101,7 @@ impl Pixel {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct PixelCost {
     /// Voxel values read.
-    pub lookups: u64,
+    pub values_read: u64,
     /// Tentative collisions that turned out to be with nothing.
     pub null_collisions: u64,
 }

@@ -172,7 +172,7 @@ fn render_tile(
             }
         }
         let cost = PixelCost {
-            lookups: counts.lookups - before.lookups,
+            values_read: counts.values_read() - before.values_read(),
             null_collisions: counts.null_collisions - before.null_collisions,
         };
         (pixel, cost)

@@ -162,7 +162,7 @@ impl<'a> Run<'a> {
         let (hash, seeds) = (self.scene_hash, self.extent.seeds);
         let version = env!("CARGO_PKG_VERSION");
         format!(
-            "version {version}\nscene {hash:016x}\nresolution {width}x{height}\nestimator {name}\n\
+            "version {version}\nresolution {width}x{height}\nscene {hash:016x}\nestimator {name}\n\
              seeds {seeds}\nreference {compared_with}"
         )
     }
@@ -267,16 +267,13 @@ impl<'a> Run<'a> {
             max_spp: self.extent.max_spp.saturating_mul(REFERENCE_SAMPLES),
         };
         // Once anything has been compared with it, it stays as it is.
-        let is_used = self
-            .estimators
-            .iter()
-            .any(|e| self.checkpoint(&e.to_string()).exists());
+        let is_used = self.estimators.iter().any(|e| {
+            self.reference_index(e) + 1 == usize::from(number)
+                && self.checkpoint(&e.to_string()).exists()
+        });
         let mut progress = LadderProgress::start("reference", budget_secs);
         estimator.apply(&mut self.scene);
-        while let Some(step) = record
-            .next_step(&extent)
-            .filter(|_| !is_used || record.film.pixels()[0].count < 2)
-        {
+        while let Some(step) = record.next_step(&extent).filter(|_| !is_used) {
             let seed = step.seed(self.seed, number);
             if !self.render(&mut record, step, seed, None, cancel) {
                 return Err(interruption(&self.folder));

@@ -1,6 +1,6 @@
 //! Intervals for statistics of few measurements, by resampling them.
 //!
-//! The expanded percentile interval `[Hesterberg2015] sec. 5.2`: the plain one is too narrow for
+//! The expanded percentile interval `[Hesterberg2015]`: the plain one is too narrow for
 //! few measurements, by `√((n−1)/n)` and by what a t distribution has on a normal one, so it is
 //! taken at more extreme quantiles. Of a single group of four it still covers 86 % instead of 95:
 //! resampling never leaves the range of what was measured. Deterministic: the resampling has a

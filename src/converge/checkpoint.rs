@@ -1,7 +1,7 @@
 //! A record as bytes, so that a run can be interrupted and go on.
 //!
 //! One line of JSON, then 88 bytes a pixel, little endian, row by row: number of samples; mean
-//! and second moment of R, G and B; collisions and mean depth; lookups and null collisions.
+//! and second moment of R, G and B; collisions and mean depth; values read and null collisions.
 //! Numbers survive to the last bit, so that a run that was interrupted ends as one that was not.
 
 use serde::{Deserialize, Serialize};
@@ -65,7 +65,7 @@ pub fn to_bytes(key: &str, record: &Record) -> Vec<u8> {
         }
         bytes.extend(hit_count.to_le_bytes());
         bytes.extend(depth_mean.to_le_bytes());
-        bytes.extend(cost.lookups.to_le_bytes());
+        bytes.extend(cost.values_read.to_le_bytes());
         bytes.extend(cost.null_collisions.to_le_bytes());
     }
     bytes
@@ -104,7 +104,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<(String, Record), CheckpointError> {
             depth_mean: number(8),
         };
         *cost = PixelCost {
-            lookups: word(9),
+            values_read: word(9),
             null_collisions: word(10),
         };
     }
@@ -126,7 +126,7 @@ mod tests {
             pixel.hit_count = 7;
             pixel.depth_mean = f64::from(i).sqrt();
         }
-        record.costs[5].lookups = u64::MAX;
+        record.costs[5].values_read = u64::MAX;
         record.measurements.push(Measurement {
             spp: 1,
             repeat: 0,

@@ -142,7 +142,7 @@ impl Record {
             all.merge(one);
         }
         for (all, one) in self.costs.iter_mut().zip(costs) {
-            all.lookups += one.lookups;
+            all.values_read += one.values_read;
             all.null_collisions += one.null_collisions;
         }
     }

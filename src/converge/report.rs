@@ -262,7 +262,7 @@ impl Page {
             .to_svg()
         };
         let by_time = plot("CPU seconds of one render", |p| p.timing.cpu);
-        let by_lookups = plot("voxel values read by one render", |p| p.lookups);
+        let by_lookups = plot("voxel values read by one render", |p| p.values_read);
         let by_eye = LogPlot {
             x_label: "CPU seconds of one render".to_owned(),
             y_label: "FLIP, first seed".to_owned(),
@@ -275,8 +275,9 @@ impl Page {
             "<h2>Error against time</h2><p>Lower and further left is better. Without bias the \
              error falls along the dotted lines; dashed curves are biased and flatten. Bars are \
              standard errors over seeds.</p>{by_time}\
-             <h2>Error against lookups</h2><p>The same without what a processor makes of it: \
-             reading voxels is what costs most on large volumes.</p>{by_lookups}\
+             <h2>Error against voxel values read</h2><p>The same without what a processor makes \
+             of it: reading voxels is what costs most on large volumes. A trilinear value or a \
+             cell that is integrated counts as eight.</p>{by_lookups}\
              <h2>What people see</h2><p>FLIP is 0 where nobody sees a difference and 1 at the \
              largest; it includes the noise of the reference.</p>{by_eye}"
         ));
@@ -288,10 +289,10 @@ impl Page {
             "<h2>Efficiency</h2><div class=\"wide\"><table><thead><tr><th>Estimator</th>\
              <th>efficiency<br><small>1 / (rel. variance · CPU s)</small></th>\
              <th>of the best</th>\
-             <th>by lookups<br><small>1 / (rel. variance · 10⁶)</small></th>\
+             <th>by values read<br><small>1 / (rel. variance · 10⁶)</small></th>\
              <th>CPU s to<br>relMSE {target}</th><th>CPU ms<br>a sample</th>\
-             <th>lookups<br>a ray</th><th>null<br>share</th><th>first tile<br>ms</th>\
-             <th>slope</th><th>mean − reference</th><th>bias</th></tr></thead><tbody>"
+             <th>values<br>a ray</th><th>null<br>share</th><th>first tile<br>ms</th>\
+             <th>slope</th><th>mean less<br>reference</th><th>bias</th></tr></thead><tbody>"
         ));
         let sorted = results.by_efficiency();
         let best = sorted.iter().filter(|e| !is_biased(e));
@@ -312,12 +313,12 @@ impl Page {
             let row = [
                 with_interval(s.timing.efficiency),
                 share.map_or("–".to_owned(), |x| format!("{x:.2}")),
-                with_interval(s.lookup_efficiency),
+                with_interval(s.efficiency_by_values_read),
                 s.timing
                     .cpu_secs_to_target
                     .map_or("never".to_owned(), number),
                 number(1e3 * s.timing.cpu_secs_per_spp),
-                number(counts.lookups as f64 / rays),
+                number(counts.values_read() as f64 / rays),
                 format!("{:.0} %", 100.0 * counts.null_collisions as f64 / tentative),
                 number(1e3 * s.timing.first_tile_secs),
                 s.slope
@@ -351,21 +352,21 @@ impl Page {
             };
             records.iter().map(|r| of(r)).fold(1.0, f64::max)
         };
-        let lookups_max = highest(|c| c.lookups);
+        let values_max = highest(|c| c.values_read);
         let nulls_max = highest(|c| c.null_collisions);
         // Logarithmic from a tenth of an event, which is as good as none.
         let cost_heat = |x: f64, max: f64| heat((x * 10.0).max(1.0).log10() / (max * 10.0).log10());
         let [low, high] = ERROR_RANGE;
         let error_bar = colour_bar(heat, (0.0, 1.0), ["0.1 %", "100 %"]);
         let z_bar = colour_bar(diverging, (-1.0, 1.0), ["−4", "+4"]);
-        let lookups_bar = colour_bar(heat, (0.0, 1.0), ["0.1", &number(lookups_max)]);
+        let values_bar = colour_bar(heat, (0.0, 1.0), ["0.1", &number(values_max)]);
         let nulls_bar = colour_bar(heat, (0.0, 1.0), ["0.1", &number(nulls_max)]);
         self.push(format_args!(
             "<h2>Where the errors and the work are</h2><p>All renders of an estimator together, \
              so at about equal CPU time. Error is relative to the reference, and logarithmic. z \
              is the difference of the green channel in its own standard errors: without bias it \
-             is noise without a pattern. Lookups and null collisions are those of one sample.</p>\
-             <ul class=\"scales\"><li>error {error_bar}<li>z {z_bar}<li>lookups {lookups_bar}\
+             is noise without a pattern. Voxel values read and null collisions are those of one sample.</p>\
+             <ul class=\"scales\"><li>error {error_bar}<li>z {z_bar}<li>values read {values_bar}\
              <li>null collisions {nulls_bar}</ul>"
         ));
         for (e, record) in results.estimators.iter().zip(records) {
@@ -382,9 +383,9 @@ impl Page {
                 diverging(z / Z_RANGE)
             });
             let costs = pixels.iter().zip(&record.costs);
-            let lookups = costs
+            let values = costs
                 .clone()
-                .map(|(p, c)| cost_heat(per_sample(c.lookups, p.count), lookups_max));
+                .map(|(p, c)| cost_heat(per_sample(c.values_read, p.count), values_max));
             let nulls =
                 costs.map(|(p, c)| cost_heat(per_sample(c.null_collisions, p.count), nulls_max));
             let name = escape(&e.name);
@@ -402,7 +403,7 @@ impl Page {
             let pictures: [(&str, Vec<[u8; 3]>); 4] = [
                 ("error", errors.collect()),
                 ("z", zs.collect()),
-                ("lookups", lookups.collect()),
+                ("values read", values.collect()),
                 ("null collisions", nulls.collect()),
             ];
             for (what, pixels) in pictures {
@@ -425,7 +426,7 @@ impl Page {
         self.push(format_args!(
             "<h2>All points</h2><details><summary>Table of every point of every curve</summary>\
              <div class=\"wide\"><table><thead><tr><th>Estimator</th><th>spp</th><th>CPU s</th>\
-             <th>wall s</th><th>lookups</th><th>relMSE</th><th>± standard error</th>\
+             <th>wall s</th><th>values read</th><th>relMSE</th><th>± standard error</th>\
              <th>trimmed</th><th>by own samples</th><th>MSE</th><th>FLIP</th></tr></thead><tbody>"
         ));
         for e in &results.estimators {
@@ -436,7 +437,7 @@ impl Page {
                     p.spp.to_string(),
                     number(p.timing.cpu),
                     number(p.timing.wall),
-                    number(p.lookups),
+                    number(p.values_read),
                     number(p.rel_mse.mean),
                     optional(p.rel_mse.standard_error),
                     number(p.rel_mse_trimmed.mean),
@@ -503,15 +504,15 @@ fn preview(reference: &Reference) -> Picture {
 const STYLE: &str = "\
 :root{color-scheme:light}\
 body{margin:0;background:#fff;color:#1c1c1c;font:15px/1.5 system-ui,'Segoe UI',Helvetica,Arial,sans-serif}\
-main{max-width:1060px;margin:0 auto;padding:24px 28px 60px}\
+main{max-width:1180px;margin:0 auto;padding:24px 28px 60px}\
 h1{font-size:27px;margin:0 0 14px}h2{font-size:19px;margin:38px 0 8px;padding-top:14px;border-top:1px solid #ddd}\
 h3{font-size:15px;margin:22px 0 0;font-family:ui-monospace,Menlo,Consolas,monospace}\
 p{max-width:820px;margin:6px 0 12px}\
 dl{display:grid;grid-template-columns:max-content 1fr;gap:3px 18px;margin:0}dt{color:#666}dd{margin:0}\
 .reference{float:right;width:330px;max-width:40%;margin:0 0 12px 24px;image-rendering:pixelated;border:1px solid #ccc}\
-.plot{width:100%;height:auto;display:block}\
-.wide{overflow-x:auto}table{border-collapse:collapse;font-size:13px;font-variant-numeric:tabular-nums}\
-th,td{padding:4px 9px;text-align:right;border-bottom:1px solid #e6e6e6;white-space:nowrap}\
+.plot{width:100%;max-width:1040px;height:auto;display:block}\
+.wide{overflow-x:auto}table{border-collapse:collapse;font-size:12.5px;font-variant-numeric:tabular-nums}\
+th,td{padding:4px 7px;text-align:right;border-bottom:1px solid #e6e6e6;white-space:nowrap}\
 thead th{vertical-align:bottom;color:#444;font-weight:600;border-bottom:2px solid #999;line-height:1.3}\
 tbody th,thead th:first-child,td.text{text-align:left;font-weight:500}\
 tbody tr:hover{background:#f5f8fc}small{color:#666;font-weight:400}\

@@ -95,7 +95,7 @@ impl Results {
     /// Returns one line for each point of each curve, with a header. Empty fields are unknown.
     pub fn to_csv(&self) -> String {
         let mut out = String::from(
-            "estimator,spp,seeds,cpu_secs,wall_secs,lookups,mse,mse_standard_error,rel_mse,\
+            "estimator,spp,seeds,cpu_secs,wall_secs,values_read,mse,mse_standard_error,rel_mse,\
              rel_mse_standard_error,rel_mse_trimmed,rel_variance,flip\n",
         );
         let text = |x: Option<f64>| x.map_or(String::new(), |x| x.to_string());
@@ -107,7 +107,7 @@ impl Results {
                     self.seeds.to_string(),
                     p.timing.cpu.to_string(),
                     p.timing.wall.to_string(),
-                    p.lookups.to_string(),
+                    p.values_read.to_string(),
                     p.mse.mean.to_string(),
                     text(p.mse.standard_error),
                     p.rel_mse.mean.to_string(),

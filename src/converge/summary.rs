@@ -49,7 +49,7 @@ pub struct Point {
     /// Samples a pixel.
     pub spp: u32,
     /// Voxel values read by one render, the mean.
-    pub lookups: f64,
+    pub values_read: f64,
     /// Mean squared error, the reference's noise subtracted; below zero by chance.
     pub mse: Mean,
     /// Relative mean squared error likewise.
@@ -102,8 +102,8 @@ pub struct Summary {
     pub total_spp: u64,
     /// relMSE times samples a pixel, by the image's own samples.
     pub rel_variance_of_one_spp: Option<f64>,
-    /// `1 / (relative variance · million lookups)`.
-    pub lookup_efficiency: Option<Estimate>,
+    /// `1 / (relative variance · million values read)`.
+    pub efficiency_by_values_read: Option<Estimate>,
     /// Slope of log relMSE over log samples, of the upper rungs: −1 without bias.
     pub slope: Option<f64>,
     /// Samples a pixel until the target error is reached; `None` if never.
@@ -146,7 +146,7 @@ pub fn summarise(
         counts,
         total_spp,
         rel_variance_of_one_spp: variance,
-        lookup_efficiency: pool.efficiency(|x| x.million_lookups),
+        efficiency_by_values_read: pool.efficiency(|x| x.million_values),
         spp_to_target,
         bias,
         timing: Timing {
@@ -172,7 +172,7 @@ fn point(rung: &[Measurement]) -> Point {
         .collect();
     Point {
         spp: rung[0].spp,
-        lookups: mean(&|m| m.counts.lookups as f64).mean,
+        values_read: mean(&|m| m.counts.values_read() as f64).mean,
         mse: error(|e| e.mse),
         rel_mse: error(|e| e.rel_mse),
         rel_mse_trimmed: error(|e| e.rel_mse_trimmed),
@@ -191,7 +191,7 @@ struct Pooled {
     spp: f64,
     rel_variance: f64,
     cpu_secs: f64,
-    million_lookups: f64,
+    million_values: f64,
 }
 
 /// The renders of the upper rungs, rung by rung.
@@ -208,7 +208,7 @@ impl Pool {
                 spp: f64::from(m.spp),
                 rel_variance: m.errors?.rel_variance?,
                 cpu_secs: m.secs.cpu,
-                million_lookups: m.counts.lookups as f64 / 1e6,
+                million_values: m.counts.values_read() as f64 / 1e6,
             })
         };
         let rungs = upper.map(|rung| rung.iter().filter_map(pooled).collect());
@@ -336,7 +336,10 @@ mod tests {
         assert_eq!(s.points.len(), 6);
         close(s.rel_variance_of_one_spp, 8.0);
         close(s.timing.efficiency.map(|e| e.value), 1.0 / (8.0 * 0.25));
-        close(s.lookup_efficiency.map(|e| e.value), 1.0 / (8.0 * 2.0));
+        close(
+            s.efficiency_by_values_read.map(|e| e.value),
+            1.0 / (8.0 * 2.0),
+        );
         close(s.slope, -1.0);
         close(s.spp_to_target, 800.0);
         close(s.timing.cpu_secs_to_target, 200.0);
