@@ -5,9 +5,7 @@
 
 use std::sync::Arc;
 
-use crate::grid::{
-    Bound, Cells, Columns, Cubic, DensityGrid, Sampler, Segment, Traversal, VoxelWalk,
-};
+use crate::grid::{Bound, Cells, Columns, DensityGrid, Sampler, Segment, Traversal, VoxelWalk};
 use crate::phase::Phase;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
@@ -241,13 +239,17 @@ impl MediumRay<'_> {
     /// One step and eight loads for each voxel cell.
     #[inline] // bench: frame
     pub fn optical_depth(&mut self, counts: &mut Counts) -> f64 {
-        let scale = f64::from(self.medium.sigma_t_per_density);
+        // None before the first.
+        let Some(segment) = self.segment else {
+            return 0.0;
+        };
+        let ray = (self.origin, self.direction);
         let mut sum = 0.0;
-        for cubic in self.voxels() {
+        for cubic in VoxelWalk::new(&mut self.sampler, ray, segment) {
             counts.voxel_cells += 1;
             sum += cubic.integral();
         }
-        sum * scale
+        sum * f64::from(self.medium.sigma_t_per_density)
     }
 
     /// Returns where the optical depth from the start of the current segment reaches `depth`, or
@@ -258,7 +260,8 @@ impl MediumRay<'_> {
     #[inline] // bench: frame
     pub fn reach_depth(&mut self, depth: &mut f64, counts: &mut Counts) -> Option<f64> {
         let scale = f64::from(self.medium.sigma_t_per_density);
-        for cubic in self.voxels() {
+        let ray = (self.origin, self.direction);
+        for cubic in VoxelWalk::new(&mut self.sampler, ray, self.segment?) {
             counts.voxel_cells += 1;
             let cell = cubic.integral() * scale;
             if *depth < cell {
@@ -267,16 +270,6 @@ impl MediumRay<'_> {
             *depth -= cell;
         }
         None
-    }
-
-    /// The voxel cells of the current segment; none before the first.
-    #[inline] // bench: frame
-    fn voxels(&mut self) -> impl Iterator<Item = Cubic> + '_ {
-        let ray = (self.origin, self.direction);
-        let walk = self
-            .segment
-            .map(|segment| VoxelWalk::new(&mut self.sampler, ray, segment));
-        walk.into_iter().flatten()
     }
 
     /// Returns an unbiased estimate of the extinction at `t` in the current segment: the value

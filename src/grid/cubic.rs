@@ -33,7 +33,7 @@ impl Cubic {
     /// Makes the cubic of the trilinear field with these `corners`, z fastest, from the point
     /// `a` at `t0` to the point `b` at `t1`, both in the unit cell.
     #[inline] // bench: lookup
-    fn new(corners: [f32; 8], (t0, a): (f64, DVec3), (t1, b): (f64, DVec3)) -> Self {
+    fn new(corners: &[f32; 8], (t0, a): (f64, DVec3), (t1, b): (f64, DVec3)) -> Self {
         let v = corners.map(f64::from);
         let d = b - a;
         // Lines along z, then parabolas, then the cubic; each lerp multiplies by a + d s.
@@ -123,6 +123,8 @@ pub struct VoxelWalk<'s, 'a> {
     inverse: DVec3,
     segment: Segment,
     cell: IVec3,
+    /// The values at the cell's corners.
+    corners: [f32; 8],
     /// Where the ray leaves the cell, for each axis.
     exit: DVec3,
     t: f64,
@@ -138,13 +140,16 @@ impl<'s, 'a> VoxelWalk<'s, 'a> {
         segment: Segment,
     ) -> Self {
         let start = floor_to_voxel(origin + direction * segment.t0);
+        let cell = start.clamp(segment.first, segment.last);
+        let corners = sampler.corners(cell);
         let mut walk = Self {
             sampler,
             origin,
             direction,
             inverse: DVec3::ONE / direction,
             segment,
-            cell: start.clamp(segment.first, segment.last),
+            cell,
+            corners,
             exit: DVec3::INFINITY,
             t: segment.t0,
         };
@@ -175,9 +180,9 @@ impl Iterator for VoxelWalk<'_, '_> {
             return None;
         }
         let axis = smallest(self.exit);
+        let up = self.inverse[axis] > 0.0;
         let cell = self.cell;
-        let step = if self.inverse[axis] > 0.0 { 1 } else { -1 };
-        let next = cell[axis].saturating_add(step);
+        let next = cell[axis].saturating_add(if up { 1 } else { -1 });
         let inside = next >= self.segment.first[axis] && next <= self.segment.last[axis];
         // The last cell takes whatever rounding leaves before the segment's end.
         let t1 = if inside {
@@ -185,19 +190,47 @@ impl Iterator for VoxelWalk<'_, '_> {
         } else {
             end
         };
-        self.cell[axis] = next;
-        self.leave_at(axis);
-        self.t = t1;
         let low = cell.as_dvec3();
         let local = |t: f64| {
             let p = self.origin + self.direction * t - low;
             p.clamp(DVec3::ZERO, DVec3::ONE)
         };
-        let (a, b) = (local(t0), local(t1));
-        let corners = self.sampler.corners(cell);
-        Some(Cubic::new(corners, (t0, a), (t1, b)))
+        let cubic = Cubic::new(&self.corners, (t0, local(t0)), (t1, local(t1)));
+        self.t = t1;
+        if t1 < end {
+            self.cell[axis] = next;
+            self.leave_at(axis);
+            self.load_face(axis, up);
+        }
+        Some(cubic)
     }
 }
+
+impl VoxelWalk<'_, '_> {
+    /// Makes the corners those of the current cell, which the ray entered along `axis`: the face
+    /// that it came through is known.
+    #[inline] // bench: lookup
+    fn load_face(&mut self, axis: usize, up: bool) {
+        let mut lo = self.cell;
+        lo[axis] = lo[axis].saturating_add(i32::from(up));
+        let mut extent = IVec3::ONE;
+        extent[axis] = 0;
+        let [low, high] = FACES[axis];
+        let values = self.sampler.some_corners(lo, extent, low);
+        let (from, to) = if up { (high, low) } else { (low, high) };
+        for k in 0..4 {
+            self.corners[to[k]] = self.corners[from[k]];
+            self.corners[from[k]] = values[k];
+        }
+    }
+}
+
+/// The corners of the low and the high face across each axis, in matching order.
+const FACES: [[[usize; 4]; 2]; 3] = [
+    [[0, 1, 2, 3], [4, 5, 6, 7]],
+    [[0, 1, 4, 5], [2, 3, 6, 7]],
+    [[0, 2, 4, 6], [1, 3, 5, 7]],
+];
 
 #[cfg(test)]
 mod tests {
@@ -207,7 +240,7 @@ mod tests {
     fn a_cubic_is_the_trilinear_value() {
         let corners = [0.5, 2.0, 0.0, 3.0, 1.0, 0.25, 4.0, 0.125];
         let (a, b) = (DVec3::new(0.1, 0.9, 0.0), DVec3::new(0.8, 0.2, 1.0));
-        let cubic = Cubic::new(corners, (3.0, a), (5.0, b));
+        let cubic = Cubic::new(&corners, (3.0, a), (5.0, b));
         let value = |s: f64| {
             let p = a + (b - a) * s;
             let mut sum = 0.0;
@@ -235,7 +268,7 @@ mod tests {
     fn an_amount_is_reached_where_the_value_is_zero_at_the_start() {
         // value = 8 s³ from zero: the integral 2 s⁴ has no slope where Newton starts low.
         let corners = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 8.0];
-        let cubic = Cubic::new(corners, (0.0, DVec3::ZERO), (1.0, DVec3::ONE));
+        let cubic = Cubic::new(&corners, (0.0, DVec3::ZERO), (1.0, DVec3::ONE));
         for amount in [0.0, 1e-30, 1e-12, 0.3, 1.999_999, 2.0] {
             let expected = (amount / 2.0_f64).powf(0.25);
             let got = cubic.reach(amount);

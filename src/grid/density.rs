@@ -4,6 +4,7 @@ use glam::DVec3;
 
 use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::BRICK_DIM;
+use super::directory::Directory;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
 use super::tree::Tree;
@@ -14,6 +15,7 @@ use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 pub struct DensityGrid {
     pub(super) tree: Tree<f32>,
     pub(super) bounds: Bounds,
+    pub(super) directory: Directory,
     transform: IndexTransform,
 }
 
@@ -44,9 +46,11 @@ impl DensityGrid {
             limit: max_bytes,
         })?;
         let bounds = Bounds::new(&tree);
+        let directory = Directory::new(&tree, &bounds);
         Ok(Self {
             tree,
             bounds,
+            directory,
             transform,
         })
     }
@@ -58,7 +62,7 @@ impl DensityGrid {
 
     /// Returns a reader of values at points in index space.
     pub fn sampler(&self) -> Sampler<'_> {
-        Sampler::new(&self.tree)
+        Sampler::new(self)
     }
 
     /// Walks `origin + t · direction`, both in index space, from t = 0 to `t_max`, brick by brick.
@@ -155,6 +159,6 @@ impl DensityGrid {
 
     /// Returns the bytes that values, nodes and bounds occupy.
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.bounds.memory_bytes()
+        self.tree.memory_bytes() + self.bounds.memory_bytes() + self.directory.memory_bytes()
     }
 }

@@ -12,10 +12,13 @@
 use glam::{DVec3, IVec3};
 
 use super::brick::{self, BRICK_DIM, BRICK_LEN};
-use super::tree::{LOWER_LEN, LOWER_TOTAL_LOG2, Tree, UPPER_LEN, lower_slot, upper_slot};
+use super::density::DensityGrid;
+use super::directory::Content;
+use super::tree::{LOWER_TOTAL_LOG2, Tree, lower_slot};
 use crate::space::floor_to_voxel;
 
-/// The corners of a voxel cell, z fastest.
+/// The corners of a voxel cell, z fastest: bit 2 of the position is one further in x, bit 1 in
+/// y, bit 0 in z.
 const CORNERS: [IVec3; 8] = [
     IVec3::new(0, 0, 0),
     IVec3::new(0, 0, 1),
@@ -27,9 +30,13 @@ const CORNERS: [IVec3; 8] = [
     IVec3::new(1, 1, 1),
 ];
 
+/// Where they are in a brick's values, from the first on.
+const CORNER_OFFSETS: [usize; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
+
 /// A reader that remembers the lower node (128³ voxels) it last read from.
 #[derive(Clone, Debug)]
 pub struct Sampler<'a> {
+    grid: &'a DensityGrid,
     tree: &'a Tree<f32>,
     /// Coordinates of that node, in nodes; the memory is empty at first.
     key: IVec3,
@@ -38,11 +45,12 @@ pub struct Sampler<'a> {
 }
 
 impl<'a> Sampler<'a> {
-    /// Makes a reader of `tree`.
-    pub fn new(tree: &'a Tree<f32>) -> Self {
+    /// Makes a reader of `grid`.
+    pub fn new(grid: &'a DensityGrid) -> Self {
         // No voxel has this node coordinate: those end at ±2^24.
         Self {
-            tree,
+            grid,
+            tree: &grid.tree,
             key: IVec3::MAX,
             node: Err(0.0),
         }
@@ -60,32 +68,43 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    fn find_node(&self, p: IVec3) -> Result<usize, f32> {
-        let tree = self.tree;
-        let node = tree.root_slot(p).get();
-        let node = node.and_then(|u| tree.upper[u * UPPER_LEN + upper_slot(p)].get());
-        node.map(|l| l * LOWER_LEN)
-            .map_err(|tile| tree.tiles[tile].value)
-    }
-
-    /// Returns the values at the eight corners of the cell of voxel `lo`: bit 2 of the position
-    /// is one further in x, bit 1 in y, bit 0 in z.
+    /// Returns the values at the eight corners of the cell of voxel `lo`, in the order of
+    /// [`CORNERS`].
     ///
     /// # Cost
     /// One walk and eight loads inside a brick (two thirds of all cells), eight walks across
     /// faces.
     #[inline] // bench: lookup
     pub fn corners(&mut self, lo: IVec3) -> [f32; 8] {
-        if (lo & (BRICK_DIM - 1)).max_element() < BRICK_DIM - 1 {
-            return match self.stored(lo) {
+        self.some_corners(lo, IVec3::ONE, [0, 1, 2, 3, 4, 5, 6, 7])
+    }
+
+    /// Returns the values at some [`CORNERS`] of the cell of voxel `lo`, by their positions:
+    /// those that are 0 where `extent` is 0, which is 1 elsewhere.
+    #[inline] // bench: lookup
+    pub(super) fn some_corners<const N: usize>(
+        &mut self,
+        lo: IVec3,
+        extent: IVec3,
+        which: [usize; N],
+    ) -> [f32; N] {
+        let mut values = [0.0; N];
+        if ((lo & (BRICK_DIM - 1)) + extent).max_element() < BRICK_DIM {
+            match self.stored(lo) {
                 Ok(base) => {
                     let o = base + brick::offset(lo);
-                    CORNERS.map(|c| self.tree.values[o + brick::offset(c)])
+                    for (value, c) in values.iter_mut().zip(which) {
+                        *value = self.tree.values[o + CORNER_OFFSETS[c]];
+                    }
                 }
-                Err(value) => [value; 8],
-            };
+                Err(tile) => values = [tile; N],
+            }
+        } else {
+            for (value, c) in values.iter_mut().zip(which) {
+                *value = self.value(lo.saturating_add(CORNERS[c]));
+            }
         }
-        CORNERS.map(|c| self.value(lo.saturating_add(c)))
+        values
     }
 
     /// Returns where the values of the brick that holds voxel `p` start, or the value of its tile.
@@ -94,7 +113,13 @@ impl<'a> Sampler<'a> {
         let key = p >> LOWER_TOTAL_LOG2;
         if key != self.key {
             self.key = key;
-            self.node = self.find_node(p);
+            let DensityGrid {
+                bounds, directory, ..
+            } = self.grid;
+            self.node = match directory.node(self.tree, bounds, key).content {
+                Content::Lower(base) => Ok(base),
+                Content::Tile { value, .. } => Err(value),
+            };
         }
         let tree = self.tree;
         match tree.lower[self.node? + lower_slot(p)].get() {
@@ -135,6 +160,11 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::IndexTransform;
+
+    fn grid(tree: Tree<f32>) -> DensityGrid {
+        DensityGrid::new(tree, IndexTransform::uniform(1.0), usize::MAX).expect("no limit was set")
+    }
 
     fn ramp() -> Tree<f32> {
         let at = |i: i32| IVec3::new(i / 400 - 9, i / 20 % 20 - 9, i % 20 - 9);
@@ -145,7 +175,8 @@ mod tests {
     #[test]
     fn trilinear_reproduces_linear_fields_across_bricks() {
         let tree = ramp();
-        let mut sampler = Sampler::new(&tree);
+        let grid = grid(tree);
+        let mut sampler = grid.sampler();
         for i in 0..2000 {
             let f = f64::from(i);
             let p = DVec3::new((f * 0.37) % 18.0, (f * 0.73) % 18.0, (f * 0.11) % 18.0) - 8.5;
@@ -162,7 +193,8 @@ mod tests {
     #[test]
     fn one_tap_has_the_trilinear_mean() {
         let tree = Tree::from_voxels(0.0, [(IVec3::new(8, -8, 0), 1.0)]);
-        let mut sampler = Sampler::new(&tree);
+        let grid = grid(tree);
+        let mut sampler = grid.sampler();
         let p = DVec3::new(7.25, -8.5, 0.75);
         let expected = 0.25 * 0.5 * 0.25;
         assert!((f64::from(sampler.trilinear(p)) - expected).abs() < 1e-7);
@@ -180,7 +212,8 @@ mod tests {
     #[test]
     fn ends_of_the_index_range_do_not_overflow() {
         let tree = ramp();
-        let mut sampler = Sampler::new(&tree);
+        let grid = grid(tree);
+        let mut sampler = grid.sampler();
         for x in [-1e300, -2_147_483_648.5, 2_147_483_647.5, 1e300] {
             assert_eq!(sampler.trilinear(DVec3::new(x, 1000.0, 0.0)), 0.0, "at {x}");
             assert_eq!(
