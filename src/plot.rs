@@ -43,10 +43,10 @@ pub struct LogPlot {
     pub floor: Option<(f64, String)>,
 }
 
-const WIDTH: f64 = 940.0;
+const WIDTH: f64 = 1010.0;
 const HEIGHT: f64 = 480.0;
 /// Left, right, top and bottom of the area of the curves; the legend is to its right.
-const FRAME: [f64; 4] = [78.0, 690.0, 14.0, 426.0];
+const FRAME: [f64; 4] = [78.0, 672.0, 14.0, 426.0];
 /// Height of a line of the legend.
 const LINE: f64 = 19.0;
 

@@ -80,7 +80,7 @@ fn render_each(
     let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
     let done = AtomicU64::new(0);
     let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
-    let rendered: Vec<(Vec<(Pixel, PixelCost)>, Counts, f64)> = tiles
+    let rendered: Vec<(Pixels, Counts, f64)> = tiles
         .par_iter()
         .map(|tile| {
             let (pixels, counts) = render_tile(scene, &context, tile, cancel);
@@ -108,6 +108,9 @@ fn render_each(
         complete: counts.camera_rays == total,
     }
 }
+
+/// The pixels of a tile and what they cost.
+type Pixels = Vec<(Pixel, PixelCost)>;
 
 /// A rectangle of pixels.
 struct Tile {
@@ -138,7 +141,7 @@ fn render_tile(
     context: &Context<'_>,
     tile: &Tile,
     cancel: &AtomicBool,
-) -> (Vec<(Pixel, PixelCost)>, Counts) {
+) -> (Pixels, Counts) {
     let mut counts = Counts::default();
     let pixels = tile.pixels().map(|(x, y)| {
         let mut pixel = Pixel::default();

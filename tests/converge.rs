@@ -31,11 +31,7 @@ fn noisy_film(seed: u64, spp: u64, truth: impl Fn(u32, u32) -> f32) -> Film {
                 pixel: u64::from(i),
                 sample,
             });
-            let noise = || 0.5 * (stream.exponential() - 1.0);
-            let noise: [f32; 3] = std::array::repeat(()).map({
-                let mut noise = noise;
-                move |()| noise()
-            });
+            let noise: [f32; 3] = std::array::from_fn(|_| 0.5 * (stream.exponential() - 1.0));
             pixel.add(&Sample {
                 radiance: Rgb(noise.map(|n| truth(i % WIDTH, i / WIDTH) + n)),
                 first_depth: None,
@@ -106,7 +102,13 @@ fn a_bias_that_is_the_same_everywhere_is_found_in_the_mean() {
 
 #[test]
 fn a_bias_that_cancels_is_found_in_the_tiles() {
-    let sign = |x: u32, y: u32| if (x / 8 + y / 8) % 2 == 0 { 1.0 } else { -1.0 };
+    let sign = |x: u32, y: u32| {
+        if (x / 8 + y / 8).is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        }
+    };
     let test = compare(256, |x, y| 1.0 + 0.015 * sign(x, y));
     assert_eq!(test.verdict, Verdict::Biased, "{test:?}");
     assert!(test.tile_z > 5.0 && test.mean_z.abs() < 4.5, "{test:?}");
@@ -114,7 +116,7 @@ fn a_bias_that_cancels_is_found_in_the_tiles() {
 
 #[test]
 fn a_bias_of_single_pixels_is_found_in_the_squares() {
-    let sign = |x: u32, y: u32| if (x + y) % 2 == 0 { 1.0 } else { -1.0 };
+    let sign = |x: u32, y: u32| if (x + y).is_multiple_of(2) { 1.0 } else { -1.0 };
     let test = compare(256, |x, y| 1.0 + 0.03 * sign(x, y));
     assert_eq!(test.verdict, Verdict::Biased, "{test:?}");
     assert!(test.squared_bias_z() > 5.0, "{test:?}");
@@ -162,15 +164,8 @@ fn ladder(
     while let Some(step) = record.next_step(&extent) {
         let watch = (&NoProgress as _, &AtomicBool::new(false));
         let seed = step.seed(0, which);
-        assert!(measure(
-            &mut record,
-            scene,
-            step,
-            seed,
-            comparison,
-            &no_clock,
-            watch
-        ));
+        let is_whole = measure(&mut record, scene, step, seed, comparison, &no_clock, watch);
+        assert!(is_whole, "nobody cancelled it");
     }
     record
 }

@@ -212,8 +212,12 @@ pub(super) struct ConvergeArgs {
     /// Columns and rows of the image
     #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
     pub(super) resolution: Option<[u32; 2]>,
-    /// Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]
-    #[arg(short = 'j', long, value_name = "N")]
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
     pub(super) threads: Option<usize>,
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]

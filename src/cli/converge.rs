@@ -193,7 +193,7 @@ impl<'a> Run<'a> {
     }
 
     fn write_record(&self, name: &str, key: &str, record: &Record) -> Result<(), Failure> {
-        let bytes = checkpoint::to_bytes(key, record);
+        let bytes = checkpoint::to_bytes(key, record).map_err(Failure::failed)?;
         output::write_bytes(&self.checkpoint(name), &bytes).map_err(Failure::failed)
     }
 

@@ -88,12 +88,11 @@ impl LadderProgress {
 
     /// Says that `spent_secs` are spent by now, and what on.
     pub(super) fn advance(&mut self, spent_secs: f64, found: &str) {
-        match &self.bar {
-            Some(span) => {
-                span.pb_set_position(milliseconds(spent_secs));
-                span.pb_set_message(found);
-            }
-            None => tracing::info!("{spent_secs:.1} of {:.0} CPU s: {found}", self.budget_secs),
+        if let Some(span) = &self.bar {
+            span.pb_set_position(milliseconds(spent_secs));
+            span.pb_set_message(found);
+        } else {
+            tracing::info!("{spent_secs:.1} of {:.0} CPU s: {found}", self.budget_secs);
         }
     }
 }

@@ -9,14 +9,14 @@ use serde::{Deserialize, Serialize};
 use super::ladder::{Measurement, Record};
 use crate::film::{Pixel, PixelCost};
 
-/// Bytes for a pixel: 11 numbers of 8.
-const PIXEL_BYTES: usize = 88;
+/// Numbers for a pixel, of eight bytes each.
+const PIXEL_WORDS: usize = 11;
 
 /// A checkpoint that cannot be used.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum CheckpointError {
-    /// The first line is not what was written.
+    /// The first line cannot be read, or written.
     #[error("the first line is not a checkpoint's")]
     Header {
         /// What the reader said.
@@ -42,14 +42,18 @@ struct Header {
 }
 
 /// Writes a record under a key that tells what it belongs to.
-pub fn to_bytes(key: &str, record: &Record) -> Vec<u8> {
+///
+/// # Errors
+/// If the first line cannot be written, which no record is known to cause.
+pub fn to_bytes(key: &str, record: &Record) -> Result<Vec<u8>, CheckpointError> {
     let header = Header {
         key: key.to_owned(),
         width: record.film.width(),
         height: record.film.height(),
         measurements: record.measurements.clone(),
     };
-    let mut bytes = serde_json::to_vec(&header).expect("numbers and texts can be written as JSON");
+    let mut bytes =
+        serde_json::to_vec(&header).map_err(|source| CheckpointError::Header { source })?;
     bytes.push(b'\n');
     for (pixel, cost) in record.film.pixels().iter().zip(&record.costs) {
         let Pixel {
@@ -68,7 +72,7 @@ pub fn to_bytes(key: &str, record: &Record) -> Vec<u8> {
         bytes.extend(cost.values_read.to_le_bytes());
         bytes.extend(cost.null_collisions.to_le_bytes());
     }
-    bytes
+    Ok(bytes)
 }
 
 /// Reads a record and its key.
@@ -82,30 +86,32 @@ pub fn from_bytes(bytes: &[u8]) -> Result<(String, Record), CheckpointError> {
     let header: Header =
         serde_json::from_slice(line).map_err(|source| CheckpointError::Header { source })?;
     let count = u64::from(header.width) * u64::from(header.height);
-    let expected = count.saturating_mul(PIXEL_BYTES as u64);
+    let expected = count.saturating_mul(8 * PIXEL_WORDS as u64);
     if pixels.len() as u64 != expected {
         let found = pixels.len();
         return Err(CheckpointError::Length { found, expected });
     }
     let mut record = Record::new(header.width, header.height);
     record.measurements = header.measurements;
+    let words: Vec<u64> = pixels
+        .as_chunks()
+        .0
+        .iter()
+        .map(|&bytes| u64::from_le_bytes(bytes))
+        .collect();
     let targets = record.film.pixels_mut().iter_mut().zip(&mut record.costs);
-    for ((pixel, cost), bytes) in targets.zip(pixels.chunks_exact(PIXEL_BYTES)) {
-        let word = |i: usize| {
-            let word = bytes[8 * i..8 * i + 8].try_into();
-            u64::from_le_bytes(word.expect("a word of eight bytes"))
-        };
-        let number = |i: usize| f64::from_bits(word(i));
+    for ((pixel, cost), words) in targets.zip(words.as_chunks::<PIXEL_WORDS>().0) {
+        let number = |i: usize| f64::from_bits(words[i]);
         *pixel = Pixel {
-            count: word(0),
+            count: words[0],
             mean: [1, 2, 3].map(number),
             m2: [4, 5, 6].map(number),
-            hit_count: word(7),
+            hit_count: words[7],
             depth_mean: number(8),
         };
         *cost = PixelCost {
-            values_read: word(9),
-            null_collisions: word(10),
+            values_read: words[9],
+            null_collisions: words[10],
         };
     }
     Ok((header.key, record))
@@ -145,14 +151,15 @@ mod tests {
     #[test]
     fn every_bit_survives() {
         let record = record();
-        let (key, read) = from_bytes(&to_bytes("a \"key\"\nof two lines", &record)).unwrap();
+        let (key, read) =
+            from_bytes(&to_bytes("a \"key\"\nof two lines", &record).unwrap()).unwrap();
         assert_eq!(key, "a \"key\"\nof two lines");
         assert_eq!(read, record);
     }
 
     #[test]
     fn damage_is_an_error() {
-        let whole = to_bytes("k", &record());
+        let whole = to_bytes("k", &record()).unwrap();
         for len in 0..whole.len() {
             assert!(from_bytes(&whole[..len]).is_err(), "cut at {len}");
         }

@@ -308,7 +308,7 @@ impl Parser<'_> {
         } else if integrator(word).is_some() {
             "integrator"
         } else {
-            return Err(self.unknown(word, known_words()));
+            return Err(self.unknown(word, &known_words()));
         };
         self.keyed(word, key, word)
     }
@@ -320,22 +320,22 @@ impl Parser<'_> {
         let (key, twice) = match key {
             "integrator" => {
                 let found = integrator(value);
-                let found = found.ok_or_else(|| self.unknown(value, vec!["path", "analog"]))?;
+                let found = found.ok_or_else(|| self.unknown(value, &["path", "analog"]))?;
                 ("integrator", self.integrator.replace(found).is_some())
             }
             "distance" => {
                 let known = || names(DistanceEstimator::ALL, DistanceEstimator::name);
-                let found = distance(value).ok_or_else(|| self.unknown(value, known()))?;
+                let found = distance(value).ok_or_else(|| self.unknown(value, &known()))?;
                 ("distance", self.distance.replace(found).is_some())
             }
             "transmittance" => {
                 let known = || names(TransmittanceEstimator::ALL, TransmittanceEstimator::name);
-                let found = transmittance(value).ok_or_else(|| self.unknown(value, known()))?;
+                let found = transmittance(value).ok_or_else(|| self.unknown(value, &known()))?;
                 ("transmittance", self.transmittance.replace(found).is_some())
             }
             "bounds" => {
                 let known = || names(BoundsKind::ALL, BoundsKind::name);
-                let found = bounds(value).ok_or_else(|| self.unknown(value, known()))?;
+                let found = bounds(value).ok_or_else(|| self.unknown(value, &known()))?;
                 ("bounds", self.bounds.replace(found).is_some())
             }
             "rate" => {
@@ -348,7 +348,7 @@ impl Parser<'_> {
                 self.tracking.march_step = self.number(value, 0.01..=1e6, expected)?;
                 return Ok(());
             }
-            _ => return Err(self.unknown(key, KEYS.to_vec())),
+            _ => return Err(self.unknown(key, &KEYS)),
         };
         if twice {
             let (estimator, word) = (self.text.to_owned(), word.to_owned());
@@ -375,7 +375,7 @@ impl Parser<'_> {
         })
     }
 
-    fn unknown(&self, word: &str, known: Vec<&'static str>) -> EstimatorError {
+    fn unknown(&self, word: &str, known: &[&str]) -> EstimatorError {
         let nearest = known
             .iter()
             .map(|name| (strsim::damerau_levenshtein(word, name), name))

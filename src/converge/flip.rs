@@ -213,7 +213,9 @@ impl Features {
         let gauss = |x: f32| (-x * x / (2.0 * sd * sd)).exp();
         let mut blur = sampled(radius, gauss);
         let sum: f32 = blur.iter().sum();
-        blur.iter_mut().for_each(|x| *x /= sum);
+        for x in &mut blur {
+            *x /= sum;
+        }
         let first = balanced(sampled(radius, |x| -x * gauss(x)));
         let second = balanced(sampled(radius, |x| (x * x / (sd * sd) - 1.0) * gauss(x)));
         let luminance: Vec<f32> = picture.pixels.iter().map(|&p| xyz(p)[1]).collect();
@@ -298,7 +300,7 @@ fn xyz(rgb: Colour) -> Colour {
 fn rgb(xyz: Colour) -> Colour {
     const M: [Colour; 3] = [
         [3.241_003_2, -1.537_399, -0.498_615_9],
-        [-0.969_224_25, 1.875_93, 0.041_554_23],
+        [-0.969_224_3, 1.875_93, 0.041_554_23],
         [0.055_639_42, -0.204_011_21, 1.057_149],
     ];
     product(&M, xyz)
@@ -331,7 +333,7 @@ fn lab_hunt(rgb: Colour) -> Colour {
     [l, 0.01 * l * 500.0 * (x - y), 0.01 * l * 200.0 * (y - z)]
 }
 
-/// The HyAB distance: lightness apart from colour.
+/// The `HyAB` distance: lightness apart from colour.
 fn distance(a: Colour, b: Colour) -> f32 {
     (a[0] - b[0]).abs() + (a[1] - b[1]).hypot(a[2] - b[2])
 }

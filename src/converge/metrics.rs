@@ -118,7 +118,8 @@ mod tests {
     use super::*;
 
     fn film(pixels: &[[f64; 3]], m2: f64) -> Film {
-        let mut film = Film::new(pixels.len() as u32, 1);
+        let width = u32::try_from(pixels.len()).unwrap();
+        let mut film = Film::new(width, 1);
         for (pixel, &mean) in film.pixels_mut().iter_mut().zip(pixels) {
             *pixel = Pixel {
                 count: 3,

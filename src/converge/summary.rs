@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use super::bias::{BiasTest, Verdict, test_bias};
 use super::bootstrap::{Interval, interval_95};
 use super::ladder::{Comparison, Measurement, Record, Seconds};
-use super::metrics::SquaredError;
+use super::metrics::{SquaredError, TRIMMED_ONE_OF};
 use crate::stats::Counts;
 
 /// Rungs with at least a quarter of the largest number of samples are pooled.
@@ -106,6 +106,8 @@ pub struct Summary {
     pub efficiency_by_values_read: Option<Estimate>,
     /// Slope of log relMSE over log samples, of the upper rungs: −1 without bias.
     pub slope: Option<f64>,
+    /// Share of the relMSE of the last point that the worst pixels make up.
+    pub worst_share: Option<f64>,
     /// Samples a pixel until the target error is reached; `None` if never.
     pub spp_to_target: Option<f64>,
     /// Comparison of all renders together with the reference.
@@ -141,6 +143,7 @@ pub fn summarise(
     let first = record.measurements.iter().take_while(|m| m.spp == 1);
     Summary {
         slope: slope(&points),
+        worst_share: points.last().and_then(worst_share),
         points,
         render_count: record.measurements.len(),
         counts,
@@ -183,6 +186,13 @@ fn point(rung: &[Measurement]) -> Point {
             wall: mean(&|m| m.secs.wall).mean,
         },
     }
+}
+
+/// What trimming takes away. Unknown where the error is not above the reference's noise.
+fn worst_share(point: &Point) -> Option<f64> {
+    let kept = 1.0 - 1.0 / TRIMMED_ONE_OF as f64;
+    let share = 1.0 - kept * point.rel_mse_trimmed.mean / point.rel_mse.mean;
+    (0.0..=1.0).contains(&share).then_some(share)
 }
 
 /// One render of the upper rungs.
@@ -347,6 +357,8 @@ mod tests {
         close(Some(s.points[3].rel_mse.mean), 1.0);
         assert_eq!(s.points[3].rel_mse.standard_error, Some(0.0));
         assert_eq!(s.total_spp, 2 * 63);
+        // The pixels of these renders have no trimmed error at all.
+        assert_eq!(s.worst_share, Some(1.0));
     }
 
     #[test]
