@@ -4,20 +4,20 @@
 //! an early end leaves curves of all. After each render the estimator's record replaces the one
 //! in `DIR/checkpoint`, whole or not at all; whatever happens, only the render in progress is lost.
 
+mod references;
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use majorant::converge::estimator::{Estimator, parse_list};
 use majorant::converge::ladder::{Comparison, Extent, Record, Seconds, Step, measure};
-use majorant::converge::results::{
-    EstimatorResults, ReferenceInfo, Results, RunTiming, independent_reference,
-};
+use majorant::converge::results::{EstimatorResults, ReferenceInfo, Results, RunTiming};
 use majorant::converge::{
     Reference, checkpoint, covered_pixels, metrics, report as page, summarise,
 };
 use majorant::film::Film;
-use majorant::output::{self, Provenance};
+use majorant::output;
 use majorant::render::NoProgress;
 use majorant::scene::desc::unplaced;
 use majorant::scene::{LoadOptions, Scene, SceneFile};
@@ -27,12 +27,10 @@ use super::progress::LadderProgress;
 use super::render::{Stages, is_volume, start_threads};
 use super::stats::Clock;
 use super::{Failure, memory, report};
+use references::KnownReference;
 
-/// The automatic reference has at most so many times the samples of the longest render.
-const REFERENCE_SAMPLES: u32 = 16;
-
-/// Rounding of a half, relative to its value.
-const HALF_ROUNDING: f64 = 1.0 / 2048.0;
+/// Bytes for a pixel of each estimator: 88 of its record, and as many while it is written.
+const RECORD_BYTES: u64 = 2 * 88;
 
 pub(super) fn run(args: &ConvergeArgs) -> Result<(), Failure> {
     start_threads(args.threads)?;
@@ -64,14 +62,6 @@ fn interruption(folder: &Path) -> Failure {
     let folder = folder.display();
     tracing::warn!("interrupted: {folder} keeps what was measured, --resume goes on");
     Failure::Interrupted
-}
-
-/// What images are compared with, and where it comes from.
-struct KnownReference {
-    reference: Reference,
-    source: String,
-    spp: Option<u64>,
-    cpu_secs: f64,
 }
 
 struct Run<'a> {
@@ -113,6 +103,7 @@ impl<'a> Run<'a> {
         let scene = checked.into_scene(&volume)?;
         let estimators =
             parse_list(&args.estimators, &scene).map_err(|e| Failure::Usage(e.to_string()))?;
+        check_memory(&scene, estimators.len(), max_memory_bytes)?;
         let run = Self {
             extent: Extent {
                 seeds: args.seeds,
@@ -195,121 +186,6 @@ impl<'a> Run<'a> {
     fn write_record(&self, name: &str, key: &str, record: &Record) -> Result<(), Failure> {
         let bytes = checkpoint::to_bytes(key, record).map_err(Failure::failed)?;
         output::write_bytes(&self.checkpoint(name), &bytes).map_err(Failure::failed)
-    }
-
-    /// Reads or renders what images are compared with: one or, where the first is rendered by an
-    /// estimator that is itself under test, two.
-    fn references(&mut self, cancel: &AtomicBool) -> Result<Vec<KnownReference>, Failure> {
-        if self.args.reference.as_os_str() != "auto" {
-            return Ok(vec![self.given_reference()?]);
-        }
-        let mut references = vec![self.automatic_reference(1, Estimator::exact(), cancel)?];
-        if self.estimators.iter().any(|e| self.reference_index(e) == 1) {
-            references.push(self.automatic_reference(2, Estimator::textbook(), cancel)?);
-        }
-        Ok(references)
-    }
-
-    fn reference_index(&self, estimator: &Estimator) -> usize {
-        if self.args.reference.as_os_str() == "auto" {
-            independent_reference(estimator, !self.scene.lights.distant.is_empty())
-        } else {
-            0
-        }
-    }
-
-    fn given_reference(&self) -> Result<KnownReference, Failure> {
-        let path = &self.args.reference;
-        let image = output::read_exr(path).map_err(|e| Failure::BadInput(report::chain(&e)))?;
-        let shown = path.display();
-        let Scene { width, height, .. } = self.scene;
-        if (image.width, image.height) != (width as usize, height as usize) {
-            return Err(Failure::BadInput(format!(
-                "{shown}: is {} by {} pixels, expected the scene's {width} by {height}; \
-                 --resolution changes the latter",
-                image.width, image.height
-            )));
-        }
-        if image.variance.is_none() {
-            tracing::warn!(
-                "{shown}: has no finite variance.R, .G and .B: its noise is unknown and counts as \
-                 error of the estimators"
-            );
-        }
-        Ok(KnownReference {
-            reference: Reference {
-                width,
-                height,
-                mean: image.colours,
-                variance: image.variance,
-                relative_rounding: if image.is_half { HALF_ROUNDING } else { 0.0 },
-            },
-            source: shown.to_string(),
-            spp: None,
-            cpu_secs: 0.0,
-        })
-    }
-
-    fn automatic_reference(
-        &mut self,
-        number: u8,
-        estimator: Estimator,
-        cancel: &AtomicBool,
-    ) -> Result<KnownReference, Failure> {
-        let name = format!("reference-{number}");
-        let source = estimator.to_string();
-        let key = self.key(&source, "itself");
-        let mut record = self.read_record(&name, &key)?;
-        let budget_secs = self.args.reference_budget.unwrap_or(2.0 * self.args.budget);
-        let extent = Extent {
-            seeds: 1,
-            budget_secs,
-            max_spp: self.extent.max_spp.saturating_mul(REFERENCE_SAMPLES),
-        };
-        // Once anything has been compared with it, it stays as it is.
-        let is_used = self.estimators.iter().any(|e| {
-            self.reference_index(e) + 1 == usize::from(number)
-                && self.checkpoint(&e.to_string()).exists()
-        });
-        let mut progress = LadderProgress::start("reference", budget_secs);
-        estimator.apply(&mut self.scene);
-        while let Some(step) = record.next_step(&extent).filter(|_| !is_used) {
-            let seed = step.seed(self.seed, number);
-            if !self.render(&mut record, step, seed, None, cancel) {
-                return Err(interruption(&self.folder));
-            }
-            self.write_record(&name, &key, &record)?;
-            progress.advance(record.cpu_secs(), &format!("{source}, {} spp", step.spp()));
-        }
-        drop(progress);
-        self.write_reference(&name, &record)?;
-        Ok(KnownReference {
-            reference: Reference::from_film(&record.film),
-            source,
-            spp: Some(record.measurements.iter().map(|m| u64::from(m.spp)).sum()),
-            cpu_secs: record.cpu_secs(),
-        })
-    }
-
-    /// Writes the image for other programs, and for `--reference` of another run.
-    fn write_reference(&self, name: &str, record: &Record) -> Result<(), Failure> {
-        let command_line: Vec<_> = std::env::args_os().collect();
-        let words = command_line.iter().map(|w| w.to_string_lossy());
-        let samples: u64 = record.measurements.iter().map(|m| u64::from(m.spp)).sum();
-        let provenance = Provenance {
-            camera_from_world: self.scene.camera.camera_from_world(),
-            half_size: self.scene.camera.half_size(),
-            spp: u32::try_from(samples).unwrap_or(u32::MAX),
-            seed: self.seed,
-            frame: self.scene.frame,
-            scene_hash: self.scene_hash,
-            command_line: words.collect::<Vec<_>>().join(" "),
-            render_secs: record.measurements.iter().map(|m| m.secs.wall).sum(),
-            peak_memory_bytes: memory::peak_bytes(),
-            stats_json: "{}".to_owned(),
-        };
-        let path = self.folder.join(format!("{name}.exr"));
-        output::write_float_exr(&path, &record.film, &provenance).map_err(Failure::failed)
     }
 
     /// Renders one step; returns whether it was finished.
@@ -494,6 +370,21 @@ impl<'a> Run<'a> {
         tracing::info!("{}", self.folder.join("report.html").display());
         Ok(())
     }
+}
+
+/// Refuses what would need too much memory, before any is taken.
+fn check_memory(scene: &Scene, estimators: usize, max_bytes: u64) -> Result<(), Failure> {
+    let Scene { width, height, .. } = *scene;
+    // Two more: the references.
+    let records = estimators as u64 + 2;
+    let bytes = u64::from(width) * u64::from(height) * RECORD_BYTES * records;
+    if bytes <= max_bytes {
+        return Ok(());
+    }
+    Err(Failure::BadInput(format!(
+        "{records} images of {width} by {height} pixels take {bytes} bytes, expected at most \
+         {max_bytes}: lower --resolution, name fewer estimators or raise --max-memory"
+    )))
 }
 
 /// The folder asked for, or one named after the scene.

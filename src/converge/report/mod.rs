@@ -1,21 +1,17 @@
 //! A comparison as one page that needs nothing else: no scripts, no other files, no network.
 
+mod gallery;
+
 use std::fmt::Write as _;
 
-use super::bias::{BiasTest, THRESHOLD, Verdict, pixel_z};
+use super::bias::{BiasTest, THRESHOLD, Verdict};
 use super::ladder::Record;
-use super::metrics::{EPSILON, TRIMMED_ONE_OF, relative_error};
-use super::picture::{Picture, colour_bar, diverging, heat};
+use super::metrics::{EPSILON, TRIMMED_ONE_OF};
+use super::picture::Picture;
 use super::results::{EstimatorResults, Results};
 use super::{Estimate, LEAST_DEPTH, Point, Reference};
 use crate::output::srgb_byte;
 use crate::plot::{Curve, CurvePoint, LogPlot, escape};
-
-/// Range of the error pictures, in powers of ten.
-const ERROR_RANGE: [f64; 2] = [-3.0, 0.0];
-
-/// z that the pictures show in full colour.
-const Z_RANGE: f64 = 4.0;
 
 /// Returns the page. `records` are the estimators' of `results`, in the same order.
 pub fn html(results: &Results, records: &[&Record], references: &[Reference]) -> String {
@@ -347,86 +343,6 @@ impl Page {
         ));
     }
 
-    fn gallery(&mut self, results: &Results, records: &[&Record], references: &[Reference]) {
-        let per_sample = |count: u64, samples: u64| count as f64 / samples.max(1) as f64;
-        let highest = |cost: fn(&crate::film::PixelCost) -> u64| {
-            let of = |record: &Record| {
-                let pixels = record.film.pixels().iter().zip(&record.costs);
-                let costs = pixels.map(|(p, c)| per_sample(cost(c), p.count));
-                costs.fold(0.0, f64::max)
-            };
-            records.iter().map(|r| of(r)).fold(1.0, f64::max)
-        };
-        let values_max = highest(|c| c.values_read);
-        let nulls_max = highest(|c| c.null_collisions);
-        // Logarithmic from a tenth of an event, which is as good as none.
-        let cost_heat = |x: f64, max: f64| heat((x * 10.0).max(1.0).log10() / (max * 10.0).log10());
-        let [low, high] = ERROR_RANGE;
-        let error_bar = colour_bar(heat, (0.0, 1.0), ["0.1 %", "100 %"]);
-        let z_bar = colour_bar(diverging, (-1.0, 1.0), ["−4", "+4"]);
-        let values_bar = colour_bar(heat, (0.0, 1.0), ["0.1", &number(values_max)]);
-        let nulls_bar = colour_bar(heat, (0.0, 1.0), ["0.1", &number(nulls_max)]);
-        self.push(format_args!(
-            "<h2>Where the errors and the work are</h2><p>All renders of an estimator together, \
-             so at about equal CPU time. Error is relative to the reference, and logarithmic. z \
-             is the difference of the green channel in its own standard errors: without bias it \
-             is noise without a pattern. Voxel values read and null collisions are those of one sample.</p>\
-             <ul class=\"scales\"><li>error {error_bar}<li>z {z_bar}<li>values read {values_bar}\
-             <li>null collisions {nulls_bar}</ul>"
-        ));
-        for (e, record) in results.estimators.iter().zip(records) {
-            let Some(reference) = references.get(e.reference) else {
-                continue;
-            };
-            let pixels = record.film.pixels();
-            let errors = pixels.iter().zip(&reference.mean).map(|(p, &r)| {
-                let error = relative_error(p, r).max(1e-30).log10();
-                heat((error - low) / (high - low))
-            });
-            let zs = (0..pixels.len()).map(|i| {
-                let z = pixel_z(&record.film, reference, i, 1).unwrap_or(0.0);
-                diverging(z / Z_RANGE)
-            });
-            let costs = pixels.iter().zip(&record.costs);
-            let values = costs
-                .clone()
-                .map(|(p, c)| cost_heat(per_sample(c.values_read, p.count), values_max));
-            let nulls =
-                costs.map(|(p, c)| cost_heat(per_sample(c.null_collisions, p.count), nulls_max));
-            let name = escape(&e.name);
-            let (spp, cpu) = (e.summary.total_spp, number(e.summary.timing.cpu_secs));
-            let bias = &e.summary.bias;
-            let (mean, std) = (format!("{:.3}", bias.z_mean), format!("{:.3}", bias.z_std));
-            let mean = mean.replace('-', "−");
-            let beyond = percent(bias.z_beyond_3);
-            let verdict = verdict(bias);
-            self.push(format_args!(
-                "<h3>{name}</h3><p class=\"caption\">{spp} samples a pixel in {cpu} CPU s; \
-                 {verdict}; z has mean {mean}, standard deviation {std}, {beyond} beyond ±3\
-                 </p><div class=\"row\">"
-            ));
-            let pictures: [(&str, Vec<[u8; 3]>); 4] = [
-                ("error", errors.collect()),
-                ("z", zs.collect()),
-                ("values read", values.collect()),
-                ("null collisions", nulls.collect()),
-            ];
-            for (what, pixels) in pictures {
-                let picture = Picture {
-                    width: record.film.width(),
-                    height: record.film.height(),
-                    pixels,
-                };
-                let uri = picture.data_uri();
-                self.push(format_args!(
-                    "<figure><img src=\"{uri}\" alt=\"{name}: {what}\"><figcaption>{what}\
-                     </figcaption></figure>"
-                ));
-            }
-            self.push(format_args!("</div>"));
-        }
-    }
-
     fn points(&mut self, results: &Results) {
         self.push(format_args!(
             "<h2>All points</h2><details><summary>Table of every point of every curve</summary>\
@@ -506,29 +422,7 @@ fn preview(reference: &Reference) -> Picture {
     }
 }
 
-const STYLE: &str = "\
-:root{color-scheme:light}\
-body{margin:0;background:#fff;color:#1c1c1c;font:15px/1.5 system-ui,'Segoe UI',Helvetica,Arial,sans-serif}\
-main{max-width:1180px;margin:0 auto;padding:24px 28px 60px}\
-h1{font-size:27px;margin:0 0 14px}h2{font-size:19px;margin:38px 0 8px;padding-top:14px;border-top:1px solid #ddd}\
-h3{font-size:15px;margin:22px 0 0;font-family:ui-monospace,Menlo,Consolas,monospace}\
-p{max-width:820px;margin:6px 0 12px}\
-dl{display:grid;grid-template-columns:max-content 1fr;gap:3px 18px;margin:0}dt{color:#666}dd{margin:0}\
-.reference{float:right;width:330px;max-width:40%;margin:0 0 12px 24px;image-rendering:pixelated;border:1px solid #ccc}\
-.plot{width:100%;max-width:1110px;height:auto;display:block}\
-.wide{overflow-x:auto}table{border-collapse:collapse;font-size:12.5px;font-variant-numeric:tabular-nums}\
-th,td{padding:4px 7px;text-align:right;border-bottom:1px solid #e6e6e6;white-space:nowrap}\
-thead th{vertical-align:bottom;color:#444;font-weight:600;border-bottom:2px solid #999;line-height:1.3}\
-tbody th,thead th:first-child,td.text{text-align:left;font-weight:500}td.text{white-space:normal}tbody th{white-space:normal;min-width:150px}\
-tbody tr:hover{background:#f5f8fc}small{color:#666;font-weight:400}\
-.bad{color:#b00020}.caption{margin:0 0 6px;color:#555;font-size:13px}\
-.row{display:grid;grid-template-columns:repeat(4,1fr);gap:10px}figure{margin:0}\
-figure img{width:100%;image-rendering:pixelated;border:1px solid #ccc;display:block}\
-figcaption{font-size:12px;color:#666;text-align:center}\
-.scales{list-style:none;padding:0;display:flex;flex-wrap:wrap;gap:6px 30px;font-size:13px;margin:0}\
-.scale{margin-left:8px;color:#555;white-space:nowrap}.bar{vertical-align:-1px}\
-summary{cursor:pointer;color:#0055aa}\
-@media print{.row{break-inside:avoid}tbody tr{break-inside:avoid}}";
+const STYLE: &str = include_str!("style.css");
 
 #[cfg(test)]
 mod tests {
