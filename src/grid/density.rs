@@ -3,11 +3,11 @@
 use glam::DVec3;
 
 use super::bounds::{Bound, Bounds, add_halo};
-use super::brick::BRICK_DIM;
+use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::directory::Directory;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
-use super::tree::Tree;
+use super::tree::{LOWER_LEN, LOWER_LOG2, Tree, slot_origin};
 use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 
 /// Density values with conservative bounds, placed in the world.
@@ -98,6 +98,26 @@ impl DensityGrid {
     pub fn brick_bounds(&self) -> impl Iterator<Item = Bound> + '_ {
         let all = self.bounds.lower.iter().copied();
         all.filter(|b| b.max > 0.0)
+    }
+
+    /// Returns the centres, in index space, of about `count` cells of 8³ voxels, drawn in proportion
+    /// to their mean by steps of equal sums; none for an empty grid.
+    pub fn brick_centres(&self, count: usize) -> Vec<DVec3> {
+        let total: f64 = self.brick_bounds().map(|b| f64::from(b.mean)).sum();
+        let step = total / count as f64;
+        let mut centres = Vec::with_capacity(count);
+        let mut next = 0.5 * step;
+        for (i, bound) in self.bounds.lower.iter().enumerate() {
+            next -= f64::from(bound.mean);
+            // At most one a brick: a single bright one need not be taken for all of them.
+            if next < 0.0 && bound.max > 0.0 {
+                let node = self.tree.lower_origins[i / LOWER_LEN];
+                let origin = node + slot_origin(i % LOWER_LEN, LOWER_LOG2, BRICK_LOG2);
+                centres.push(origin.as_dvec3() + 0.5 * f64::from(BRICK_DIM));
+                next = next.rem_euclid(step);
+            }
+        }
+        centres
     }
 
     /// Returns a box, in world space, outside of which density is zero, tight to 8 voxels;
