@@ -105,6 +105,17 @@ impl Medium {
         bounds.map(|bound| self.bound_segment(bound, (0.0, 0.0), 8.0))
     }
 
+    /// Returns the world positions of the centres of about `count` bricks, drawn in proportion to
+    /// their mean by steps of equal sums. Deterministic; empty for an empty medium.
+    pub fn brick_centres(&self, count: usize) -> Vec<DVec3> {
+        let to_world = self.grid.transform().world_from_index();
+        let centres = self.grid.brick_centres(count);
+        centres
+            .into_iter()
+            .map(|p| to_world.transform_point3(p))
+            .collect()
+    }
+
     /// Gives the bound of a cell `edge` voxels wide its optics.
     #[inline] // bench: frame
     fn bound_segment(&self, bound: Bound, (t0, t1): (f64, f64), edge: f32) -> BoundSegment {

@@ -114,7 +114,8 @@ fn add_tracking(
     tracking: Tracking,
     shadows: bool,
 ) {
-    let survey = Survey::new(medium, tracking.rate);
+    let survey = Survey::new(medium, &tracking);
+    let tracking = tracking.fitted(&survey);
     let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
     let (distance, why) = match tracking.distance {
@@ -158,12 +159,26 @@ fn add_tracking(
         other => (other.name(), "asked for"),
     };
     add(&format!("bounds of {bounds}"), why);
-    // 1: the bound itself.
-    if tracking.rate > 1.0 {
-        let rate = tracking.rate;
-        add(
-            &format!("collisions at {rate} times the bound"),
-            "asked for",
-        );
+    let auto = tracking.transmittance == TransmittanceEstimator::Auto;
+    let met = survey.collisions_per_ray;
+    for (rate, what, why) in [
+        (
+            tracking.rate,
+            "shadow rays",
+            if auto {
+                format!("auto; they meet {met:.2} collisions on average")
+            } else {
+                "asked for".to_owned()
+            },
+        ),
+        (tracking.flight_rate, "free flight", "asked for".to_owned()),
+    ] {
+        // 1: the bound itself.
+        if rate > 1.0 {
+            add(
+                &format!("{what} collide at {rate:.2} times the bound"),
+                &why,
+            );
+        }
     }
 }

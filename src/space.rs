@@ -78,19 +78,27 @@ impl Aabb {
     /// The direction need not have unit length. Components that are zero, or so small that
     /// their reciprocal overflows, only test whether the origin lies between the planes.
     pub fn intersect(&self, origin: DVec3, direction: DVec3) -> Option<(f64, f64)> {
-        let (mut t0, mut t1) = (0.0_f64, f64::INFINITY);
-        for axis in 0..3 {
-            let (o, d) = (origin[axis], direction[axis]);
-            let (lo, hi) = (self.min[axis], self.max[axis]);
-            let inv = d.recip();
-            if inv.is_finite() {
-                let (a, b) = ((lo - o) * inv, (hi - o) * inv);
-                t0 = t0.max(a.min(b));
-                t1 = t1.min(a.max(b));
-            } else if o < lo || o > hi {
-                return None;
+        self.intersect_inverse(origin, DVec3::ONE / direction)
+    }
+
+    /// As [`intersect`](Self::intersect), given the reciprocal of the direction, not finite for
+    /// the axes that the ray runs across.
+    #[inline] // bench: traversal
+    pub fn intersect_inverse(&self, origin: DVec3, inverse: DVec3) -> Option<(f64, f64)> {
+        let (a, b) = ((self.min - origin) * inverse, (self.max - origin) * inverse);
+        let (mut near, mut far) = (a.min(b), a.max(b));
+        if !inverse.is_finite() {
+            for axis in 0..3 {
+                if !inverse[axis].is_finite() {
+                    if origin[axis] < self.min[axis] || origin[axis] > self.max[axis] {
+                        return None;
+                    }
+                    near[axis] = f64::NEG_INFINITY;
+                    far[axis] = f64::INFINITY;
+                }
             }
         }
+        let (t0, t1) = (near.max_element().max(0.0), far.min_element());
         (t0 <= t1).then_some((t0, t1))
     }
 }

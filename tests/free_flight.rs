@@ -170,14 +170,16 @@ fn distance_settings() -> Vec<Tracking> {
                 all.push(Tracking {
                     distance,
                     bounds,
-                    rate,
+                    flight_rate: rate,
                     ..Tracking::default()
                 });
             }
         }
     }
     // The bound and the rate do not matter where nothing is drawn.
-    all.retain(|t| t.distance != D::Regular || (t.bounds, t.rate) == (BoundsKind::Brick, 1.0));
+    all.retain(|t| {
+        t.distance != D::Regular || (t.bounds, t.flight_rate) == (BoundsKind::Brick, 1.0)
+    });
     all
 }
 
@@ -187,9 +189,10 @@ fn shown(t: &Tracking) -> String {
         transmittance,
         bounds,
         rate,
+        flight_rate,
         ..
     } = t;
-    format!("{distance}, {transmittance}, {bounds}, rate {rate}")
+    format!("{distance} at {flight_rate}, {transmittance} at {rate}, {bounds}")
 }
 
 #[test]
@@ -272,12 +275,12 @@ fn transmittance_settings() -> Vec<Tracking> {
     all
 }
 
-/// The segments that a setting cuts rays into; `Hierarchy` merges nodes below a depth of 2.
+/// The segments that a setting cuts rays into; `Hierarchy` merges nodes below a depth of 3.
 fn segments(bounds: BoundsKind) -> Segments {
     match bounds {
         BoundsKind::Global => Segments::Whole,
-        BoundsKind::Brick => Segments::Bricks,
-        BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Merged(2.0),
+        BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
+        BoundsKind::Hierarchy => Segments::Merged(3.0),
     }
 }
 

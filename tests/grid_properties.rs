@@ -11,11 +11,15 @@
     reason = "small numbers; what a test can see is printed"
 )]
 
+#[path = "support/mod.rs"]
+mod support;
+
 use glam::{DAffine3, DVec3, IVec3};
-use majorant::grid::{Bound, DensityGrid, Segment, Tree, TreeBuilder};
+use majorant::grid::{Bound, Cells, DensityGrid, Segment, Tree, TreeBuilder, VoxelWalk};
 use majorant::space::IndexTransform;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
+use support::integrate;
 
 const NO_LIMIT: usize = usize::MAX;
 
@@ -158,39 +162,63 @@ proptest! {
         let tree = build(&recipe);
         let o = recipe.base.as_dvec3() + start;
         let grid = grid(tree.clone());
-        let mut at = 0.0;
-        let mut gaps = Vec::new();
-        for (count, s) in grid.traverse(o, d, f64::INFINITY).enumerate() {
-            prop_assert!(s.t0 >= at && s.t1 > s.t0, "order: {s:?} after {at}");
-            prop_assert!(count < 10_000, "a walk of this size ends sooner");
-            if s.t0 > at {
-                gaps.push((at, s.t0));
-            }
-            at = s.t1;
-            let (lo, hi) = (s.first.as_dvec3(), s.last.as_dvec3() + 1.0);
-            // A position has a rounding error of some ulps of the largest number involved.
-            let ulp = 1e-14 * (1.0 + o.abs().max_element() + s.t1 * d.abs().max_element());
-            for k in 1..8 {
-                let p = o + d * (s.t0 + (s.t1 - s.t0) * f64::from(k) / 8.0);
-                let inside = p.cmpge(lo - ulp).all()
-                    && p.cmple(hi + ulp).all();
-                prop_assert!(inside, "{p} is not in the cell of {s:?}");
-                let p = clamp_to_cell(p, &s);
-                for v in taps(&tree, p).into_iter().filter(|&v| v != 0.0) {
+        for cells in [Cells::Bricks, Cells::Whole, Cells::Merged(2.0), Cells::Merged(1e9)] {
+            let mut at = 0.0;
+            let mut gaps = Vec::new();
+            for (count, s) in grid.traverse_cells(o, d, f64::INFINITY, cells).enumerate() {
+                prop_assert!(s.t0 >= at && s.t1 > s.t0, "order: {s:?} after {at}");
+                prop_assert!(count < 10_000, "a walk of this size ends sooner");
+                if s.t0 > at {
+                    gaps.push((at, s.t0));
+                }
+                at = s.t1;
+                let (lo, hi) = (s.first.as_dvec3(), s.last.as_dvec3() + 1.0);
+                // A position has a rounding error of some ulps of the largest number involved.
+                let ulp = 1e-14 * (1.0 + o.abs().max_element() + s.t1 * d.abs().max_element());
+                for k in 1..8 {
+                    let p = o + d * (s.t0 + (s.t1 - s.t0) * f64::from(k) / 8.0);
+                    let inside = p.cmpge(lo - ulp).all()
+                        && p.cmple(hi + ulp).all();
+                    prop_assert!(inside, "{p} is not in the cell of {s:?}");
+                    let p = clamp_to_cell(p, &s);
+                    for v in taps(&tree, p).into_iter().filter(|&v| v != 0.0) {
+                        prop_assert!(v <= s.bound.max && v >= s.bound.min, "{v} at {p} in {s:?}");
+                    }
+                    let v = grid.sampler().trilinear(p);
                     prop_assert!(v <= s.bound.max && v >= s.bound.min, "{v} at {p} in {s:?}");
                 }
-                let v = grid.sampler().trilinear(p);
-                prop_assert!(v <= s.bound.max && v >= s.bound.min, "{v} at {p} in {s:?}");
+            }
+            gaps.push((at, at + 50.0));
+            for (a, b) in gaps {
+                for k in 1..32 {
+                    let p = o + d * (a + (b - a) * f64::from(k) / 32.0);
+                    // At large offsets a point a rounding error inside a cell may read its face.
+                    let v = grid.sampler().trilinear(p);
+                    prop_assert!(v < 1e-5, "{v} at {p} in the gap {a} to {b}");
+                }
             }
         }
-        gaps.push((at, at + 50.0));
-        for (a, b) in gaps {
-            for k in 1..32 {
-                let p = o + d * (a + (b - a) * f64::from(k) / 32.0);
-                // At large offsets a point a rounding error inside a cell may read its face.
-                let v = grid.sampler().trilinear(p);
-                prop_assert!(v < 1e-5, "{v} at {p} in the gap {a} to {b}");
+    }
+
+    /// The cubics of all voxel cells add up to the naive integral, and tile their segments.
+    #[test]
+    fn voxel_cells_add_up_to_the_naive_integral(recipe in recipe(), (start, d) in rays()) {
+        let tree = build(&recipe);
+        let o = recipe.base.as_dvec3() + start;
+        let grid = grid(tree.clone());
+        for s in grid.traverse(o, d, 100.0).take(40) {
+            let mut sampler = grid.sampler();
+            let (mut at, mut sum) = (s.t0, 0.0);
+            for cubic in VoxelWalk::new(&mut sampler, (o, d), s) {
+                prop_assert!(cubic.t0 == at && cubic.t1 >= at, "{cubic:?} after {at}");
+                at = cubic.t1;
+                sum += cubic.integral();
             }
+            prop_assert_eq!(at, s.t1);
+            let expected = integrate(&tree, (o, d), (s.t0, s.t1));
+            // Far from the origin a point is known to some ulps; values are below 10.
+            let ulp = 1e-13 * (1.0 + o.abs().max_element() + s.t1 * d.abs().max_element());
+            prop_assert!((sum - expected).abs() < 100.0 * ulp * (1.0 + s.t1 - s.t0), "{sum}, not {expected}, in {s:?}");
         }
     }
 

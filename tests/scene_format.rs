@@ -74,6 +74,7 @@ fn documented_defaults_are_those_of_the_code() {
                 transmittance,
                 bounds,
                 collision_rate,
+                flight_rate,
                 march_step,
             },
     } = parse(MINIMAL).desc;
@@ -122,6 +123,7 @@ fn documented_defaults_are_those_of_the_code() {
             "render.collision_rate",
             format!("{:?}", collision_rate.get_ref()),
         ),
+        ("render.flight_rate", format!("{:?}", flight_rate.get_ref())),
         ("render.march_step", format!("{:?}", march_step.get_ref())),
     ];
     for (key, value) in shown {
@@ -140,6 +142,7 @@ fn written_scenes_read_back_equal() {
     *file.desc.render.transmittance.get_mut() = TransmittanceEstimator::ApproxRayMarching;
     file.desc.render.bounds = BoundsKind::Global;
     *file.desc.render.collision_rate.get_mut() = 2.5;
+    *file.desc.render.flight_rate.get_mut() = 1.5;
     *file.desc.render.march_step.get_mut() = 0.3;
     file.desc.light.clear();
     let volume = file.desc.volume[0].get_mut();

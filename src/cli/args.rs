@@ -137,9 +137,12 @@ pub(super) struct TrackingArgs {
     /// Bounds of both: auto, hierarchy, brick or global
     #[arg(long, value_name = "NAME", value_parser = parse_named(BoundsKind::ALL, BoundsKind::name))]
     pub(super) bounds: Option<BoundsKind>,
-    /// Tentative collisions for each unit of the bound, from 1
+    /// Collisions of shadow rays for each unit of the bound, from 1
     #[arg(long, value_name = "X")]
     pub(super) collision_rate: Option<f64>,
+    /// The same of free flight
+    #[arg(long, value_name = "X")]
+    pub(super) flight_rate: Option<f64>,
     /// Step of approx-ray-marching in voxels
     #[arg(long, value_name = "X")]
     pub(super) march_step: Option<f64>,

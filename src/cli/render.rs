@@ -172,6 +172,7 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
         transmittance,
         bounds,
         collision_rate,
+        flight_rate,
         march_step,
     } = args.tracking;
     if let Some(distance) = distance {
@@ -185,6 +186,9 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
     }
     if let Some(rate) = collision_rate {
         desc.render.collision_rate = unplaced(rate);
+    }
+    if let Some(rate) = flight_rate {
+        desc.render.flight_rate = unplaced(rate);
     }
     if let Some(step) = march_step {
         desc.render.march_step = unplaced(step);

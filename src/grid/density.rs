@@ -3,10 +3,11 @@
 use glam::DVec3;
 
 use super::bounds::{Bound, Bounds, add_halo};
-use super::brick::BRICK_DIM;
+use super::brick::{BRICK_DIM, BRICK_LOG2};
+use super::directory::Directory;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
-use super::tree::Tree;
+use super::tree::{LOWER_LEN, LOWER_LOG2, Tree, slot_origin};
 use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 
 /// Density values with conservative bounds, placed in the world.
@@ -14,6 +15,7 @@ use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 pub struct DensityGrid {
     pub(super) tree: Tree<f32>,
     pub(super) bounds: Bounds,
+    pub(super) directory: Directory,
     transform: IndexTransform,
 }
 
@@ -44,9 +46,11 @@ impl DensityGrid {
             limit: max_bytes,
         })?;
         let bounds = Bounds::new(&tree);
+        let directory = Directory::new(&tree, &bounds);
         Ok(Self {
             tree,
             bounds,
+            directory,
             transform,
         })
     }
@@ -58,7 +62,7 @@ impl DensityGrid {
 
     /// Returns a reader of values at points in index space.
     pub fn sampler(&self) -> Sampler<'_> {
-        Sampler::new(&self.tree)
+        Sampler::new(self)
     }
 
     /// Walks `origin + t · direction`, both in index space, from t = 0 to `t_max`, brick by brick.
@@ -94,6 +98,26 @@ impl DensityGrid {
     pub fn brick_bounds(&self) -> impl Iterator<Item = Bound> + '_ {
         let all = self.bounds.lower.iter().copied();
         all.filter(|b| b.max > 0.0)
+    }
+
+    /// Returns the centres, in index space, of about `count` cells of 8³ voxels, drawn in proportion
+    /// to their mean by steps of equal sums; none for an empty grid.
+    pub fn brick_centres(&self, count: usize) -> Vec<DVec3> {
+        let total: f64 = self.brick_bounds().map(|b| f64::from(b.mean)).sum();
+        let step = total / count as f64;
+        let mut centres = Vec::with_capacity(count);
+        let mut next = 0.5 * step;
+        for (i, bound) in self.bounds.lower.iter().enumerate() {
+            next -= f64::from(bound.mean);
+            // At most one a brick: a single bright one need not be taken for all of them.
+            if next < 0.0 && bound.max > 0.0 {
+                let node = self.tree.lower_origins[i / LOWER_LEN];
+                let origin = node + slot_origin(i % LOWER_LEN, LOWER_LOG2, BRICK_LOG2);
+                centres.push(origin.as_dvec3() + 0.5 * f64::from(BRICK_DIM));
+                next = next.rem_euclid(step);
+            }
+        }
+        centres
     }
 
     /// Returns a box, in world space, outside of which density is zero, tight to 8 voxels;
@@ -155,6 +179,6 @@ impl DensityGrid {
 
     /// Returns the bytes that values, nodes and bounds occupy.
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.bounds.memory_bytes()
+        self.tree.memory_bytes() + self.bounds.memory_bytes() + self.directory.memory_bytes()
     }
 }

@@ -17,6 +17,7 @@ pub mod brick;
 mod columns;
 mod cubic;
 mod density;
+mod directory;
 pub mod sampler;
 pub mod traverse;
 pub mod tree;

@@ -12,7 +12,9 @@
 use glam::{DVec3, IVec3};
 
 use super::brick::{self, BRICK_DIM, BRICK_LEN};
-use super::tree::{LOWER_LEN, LOWER_TOTAL_LOG2, Tree, UPPER_LEN, lower_slot, upper_slot};
+use super::density::DensityGrid;
+use super::directory::Content;
+use super::tree::{LOWER_TOTAL_LOG2, Tree, lower_slot};
 use crate::space::floor_to_voxel;
 
 /// The corners of a voxel cell, z fastest: bit 2 of the position is one further in x, bit 1 in
@@ -34,6 +36,7 @@ const CORNER_OFFSETS: [usize; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
 /// A reader that remembers the lower node (128³ voxels) it last read from.
 #[derive(Clone, Debug)]
 pub struct Sampler<'a> {
+    grid: &'a DensityGrid,
     tree: &'a Tree<f32>,
     /// Coordinates of that node, in nodes; the memory is empty at first.
     key: IVec3,
@@ -42,11 +45,12 @@ pub struct Sampler<'a> {
 }
 
 impl<'a> Sampler<'a> {
-    /// Makes a reader of `tree`.
-    pub fn new(tree: &'a Tree<f32>) -> Self {
+    /// Makes a reader of `grid`.
+    pub fn new(grid: &'a DensityGrid) -> Self {
         // No voxel has this node coordinate: those end at ±2^24.
         Self {
-            tree,
+            grid,
+            tree: &grid.tree,
             key: IVec3::MAX,
             node: Err(0.0),
         }
@@ -62,14 +66,6 @@ impl<'a> Sampler<'a> {
             Ok(base) => self.tree.values[base + brick::offset(p)],
             Err(value) => value,
         }
-    }
-
-    fn find_node(&self, p: IVec3) -> Result<usize, f32> {
-        let tree = self.tree;
-        let node = tree.root_slot(p).get();
-        let node = node.and_then(|u| tree.upper[u * UPPER_LEN + upper_slot(p)].get());
-        node.map(|l| l * LOWER_LEN)
-            .map_err(|tile| tree.tiles[tile].value)
     }
 
     /// Returns the values at the eight corners of the cell of voxel `lo`, in the order of
@@ -117,7 +113,13 @@ impl<'a> Sampler<'a> {
         let key = p >> LOWER_TOTAL_LOG2;
         if key != self.key {
             self.key = key;
-            self.node = self.find_node(p);
+            let DensityGrid {
+                bounds, directory, ..
+            } = self.grid;
+            self.node = match directory.node(self.tree, bounds, key).content {
+                Content::Lower(base) => Ok(base),
+                Content::Tile { value, .. } => Err(value),
+            };
         }
         let tree = self.tree;
         match tree.lower[self.node? + lower_slot(p)].get() {
@@ -158,6 +160,11 @@ fn lerp(a: f32, b: f32, t: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::space::IndexTransform;
+
+    fn grid(tree: Tree<f32>) -> DensityGrid {
+        DensityGrid::new(tree, IndexTransform::uniform(1.0), usize::MAX).expect("no limit was set")
+    }
 
     fn ramp() -> Tree<f32> {
         let at = |i: i32| IVec3::new(i / 400 - 9, i / 20 % 20 - 9, i % 20 - 9);
@@ -168,7 +175,8 @@ mod tests {
     #[test]
     fn trilinear_reproduces_linear_fields_across_bricks() {
         let tree = ramp();
-        let mut sampler = Sampler::new(&tree);
+        let grid = grid(tree);
+        let mut sampler = grid.sampler();
         for i in 0..2000 {
             let f = f64::from(i);
             let p = DVec3::new((f * 0.37) % 18.0, (f * 0.73) % 18.0, (f * 0.11) % 18.0) - 8.5;
@@ -185,7 +193,8 @@ mod tests {
     #[test]
     fn one_tap_has_the_trilinear_mean() {
         let tree = Tree::from_voxels(0.0, [(IVec3::new(8, -8, 0), 1.0)]);
-        let mut sampler = Sampler::new(&tree);
+        let grid = grid(tree);
+        let mut sampler = grid.sampler();
         let p = DVec3::new(7.25, -8.5, 0.75);
         let expected = 0.25 * 0.5 * 0.25;
         assert!((f64::from(sampler.trilinear(p)) - expected).abs() < 1e-7);
@@ -203,7 +212,8 @@ mod tests {
     #[test]
     fn ends_of_the_index_range_do_not_overflow() {
         let tree = ramp();
-        let mut sampler = Sampler::new(&tree);
+        let grid = grid(tree);
+        let mut sampler = grid.sampler();
         for x in [-1e300, -2_147_483_648.5, 2_147_483_647.5, 1e300] {
             assert_eq!(sampler.trilinear(DVec3::new(x, 1000.0, 0.0)), 0.0, "at {x}");
             assert_eq!(

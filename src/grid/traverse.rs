@@ -16,9 +16,8 @@ use glam::{DVec3, IVec3};
 use super::bounds::{Bound, Bounds};
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::density::DensityGrid;
-use super::tree::{
-    LOWER_LEN, LOWER_LOG2, Tree, UPPER_LEN, UPPER_LOG2, lower_slot, root_origin, upper_slot,
-};
+use super::directory::{self, Content};
+use super::tree::{LOWER_LOG2, lower_slot};
 use crate::space::{Aabb, floor_to_voxel};
 
 /// An interval of a ray within one cell.
@@ -53,7 +52,7 @@ pub enum Cells {
 /// Space between two segments, before the first and after the last is empty.
 #[derive(Debug)]
 pub struct Traversal<'a> {
-    tree: &'a Tree<f32>,
+    grid: &'a DensityGrid,
     bounds: &'a Bounds,
     origin: DVec3,
     direction: DVec3,
@@ -76,9 +75,6 @@ pub struct Traversal<'a> {
     done: bool,
 }
 
-/// Base-2 logarithm of the 8³ cells along the edge of a root cell.
-const ROOT_LOG2: u32 = LOWER_LOG2 + UPPER_LOG2;
-
 /// What a 16³ block of cells is stored as.
 #[derive(Clone, Copy, Debug)]
 enum Node {
@@ -99,7 +95,7 @@ impl<'a> Traversal<'a> {
         t_max: f64,
         cells: Cells,
     ) -> Self {
-        let (tree, bounds) = (&grid.tree, &grid.bounds);
+        let bounds = &grid.bounds;
         let inverse = DVec3::ONE / direction;
         let signum = |d: f64, inv: f64| match () {
             () if !inv.is_finite() => 0,
@@ -111,8 +107,14 @@ impl<'a> Traversal<'a> {
             signum(direction.y, inverse.y),
             signum(direction.z, inverse.z),
         );
+        // Where root cells are missing there is no density, but a sampler reads the background.
+        let cells = if grid.tree.background() == 0.0 {
+            cells
+        } else {
+            Cells::Bricks
+        };
         let mut walk = Self {
-            tree,
+            grid,
             bounds,
             origin,
             direction,
@@ -137,7 +139,7 @@ impl<'a> Traversal<'a> {
             min: first.as_dvec3() * size,
             max: (last.as_dvec3() + DVec3::ONE) * size,
         };
-        if let Some((t0, t1)) = domain.intersect(origin, direction)
+        if let Some((t0, t1)) = domain.intersect_inverse(origin, inverse)
             && t0 < t1.min(t_max)
         {
             walk.t = t0;
@@ -215,45 +217,31 @@ impl<'a> Traversal<'a> {
         f64::from(bound.max) * (exit - self.t) < below
     }
 
-    #[cold]
+    #[inline(never)] // Once in 16 steps: inlined it would crowd the others.
     fn look_up_node(&mut self) {
         if self.cells == Cells::Whole {
             self.node = Node::Whole;
             return;
         }
         self.node_key = self.cell >> LOWER_LOG2;
-        let voxel = self.cell << BRICK_LOG2;
-        self.node = match self.tree.root_index(root_origin(voxel)) {
-            None => Node::Large {
-                log2: ROOT_LOG2,
-                bound: Bound::EMPTY,
-            },
-            Some(r) => {
-                let bound = self.bounds.root[r];
-                match self.tree.root[r].slot.get() {
-                    Ok(u) if bound.max > 0.0 => {
-                        let slot = u * UPPER_LEN + upper_slot(voxel);
-                        let bound = self.bounds.upper[slot];
-                        match self.tree.upper[slot].get() {
-                            Ok(l)
-                                if bound.max > 0.0
-                                    && !bound.is_constant()
-                                    && !self.merges(bound) =>
-                            {
-                                Node::Lower(l * LOWER_LEN)
-                            }
-                            _ => Node::Large {
-                                log2: LOWER_LOG2,
-                                bound,
-                            },
-                        }
-                    }
-                    _ => Node::Large {
-                        log2: ROOT_LOG2,
-                        bound,
-                    },
-                }
+        let DensityGrid {
+            tree,
+            bounds,
+            directory,
+            ..
+        } = self.grid;
+        let directory::Node { bound, content } = directory.node(tree, bounds, self.node_key);
+        self.node = match content {
+            Content::Lower(base)
+                if bound.max > 0.0 && !bound.is_constant() && !self.merges(bound) =>
+            {
+                Node::Lower(base)
             }
+            Content::Lower(_) => Node::Large {
+                log2: LOWER_LOG2,
+                bound,
+            },
+            Content::Tile { log2, .. } => Node::Large { log2, bound },
         };
     }
 }

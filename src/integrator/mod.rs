@@ -19,7 +19,7 @@ use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use crate::tracking::Tracking;
+use crate::tracking::{Survey, Tracking};
 
 /// Which integrator renders.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -65,6 +65,14 @@ impl<'a> Context<'a> {
         lights: &'a Lights,
         settings: TransportSettings,
     ) -> Self {
+        let tracking = medium.map_or(settings.tracking, |m| {
+            let survey = Survey::new(m, &settings.tracking);
+            settings.tracking.fitted(&survey)
+        });
+        let settings = TransportSettings {
+            tracking,
+            ..settings
+        };
         let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
         let guide = medium.filter(|_| guided).map(|m| Guide::new(m, lights));
         Self {

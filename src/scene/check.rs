@@ -284,11 +284,13 @@ impl Checked {
         let [width, height] = self.resolution;
         let grid = Arc::clone(&volume.grid);
         let medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
-        // The largest rate at which anything is drawn.
-        if !(medium.majorant() * self.transport.tracking.rate).is_finite() {
+        // Nothing is drawn at a higher rate: `auto` raises it by 4 at most.
+        let tracking = &self.transport.tracking;
+        let rate = 4.0 * tracking.rate.max(tracking.flight_rate);
+        if !(medium.majorant() * rate).is_finite() {
             let max = medium.grid().bound().max;
             let message = format!("a density of {max} times {sigma_t_per_density} is too large");
-            let expected = "an extinction below 3e38 per world unit";
+            let expected = format!("an extinction below {:.0e} per world unit", f32::MAX / rate);
             let error = self.source.error(scale, message, expected);
             return Err(SceneError::Description(error));
         }

@@ -1,5 +1,7 @@
 //! Checks which estimators a scene asks for, alone and against the loaded medium.
 
+use toml::Spanned;
+
 use super::desc::RenderDesc;
 use super::error::{Check, Source};
 use super::value::number;
@@ -16,14 +18,8 @@ const STEP_RANGE: std::ops::RangeInclusive<f64> = 0.01..=1e6;
 
 /// Checks the estimators by themselves.
 pub(super) fn check_tracking(source: &Source, render: &RenderDesc) -> Check<Tracking> {
-    let wide = number(source, "collision_rate", &render.collision_rate)?;
-    #[expect(clippy::cast_possible_truncation, reason = "checked after rounding")]
-    let rate = wide as f32;
-    if !(1.0..=MAX_RATE).contains(&rate) {
-        let message = format!("collision_rate is {wide}");
-        let expected = format!("a number from 1 to {MAX_RATE}, times the bound");
-        return Err(source.error(render.collision_rate.span(), message, expected));
-    }
+    let rate = check_rate(source, "collision_rate", &render.collision_rate)?;
+    let flight_rate = check_rate(source, "flight_rate", &render.flight_rate)?;
     let march_step = number(source, "march_step", &render.march_step)?;
     if !STEP_RANGE.contains(&march_step) {
         let message = format!("march_step is {march_step}");
@@ -47,8 +43,21 @@ pub(super) fn check_tracking(source: &Source, render: &RenderDesc) -> Check<Trac
         transmittance,
         bounds: render.bounds,
         rate,
+        flight_rate,
         march_step,
     })
+}
+
+fn check_rate(source: &Source, key: &str, value: &Spanned<f64>) -> Check<f32> {
+    let wide = number(source, key, value)?;
+    #[expect(clippy::cast_possible_truncation, reason = "checked after rounding")]
+    let rate = wide as f32;
+    if !(1.0..=MAX_RATE).contains(&rate) {
+        let message = format!("{key} is {wide}");
+        let expected = format!("a number from 1 to {MAX_RATE}, times the bound");
+        return Err(source.error(value.span(), message, expected));
+    }
+    Ok(rate)
 }
 
 /// Checks that the estimators that were asked for can track the loaded medium.

@@ -200,8 +200,10 @@ pub struct RenderDesc {
     pub transmittance: Spanned<TransmittanceEstimator>,
     /// Which bounds both use.
     pub bounds: BoundsKind,
-    /// Tentative collisions for each unit of the bound.
+    /// Tentative collisions for each unit of the bound, of shadow rays.
     pub collision_rate: Spanned<f64>,
+    /// The same of free flight.
+    pub flight_rate: Spanned<f64>,
     /// Of `approx-ray-marching`: step in voxels.
     pub march_step: Spanned<f64>,
 }
@@ -219,6 +221,7 @@ impl Default for RenderDesc {
             transmittance: unplaced(tracking.transmittance),
             bounds: tracking.bounds,
             collision_rate: unplaced(tracking.rate.into()),
+            flight_rate: unplaced(tracking.flight_rate.into()),
             march_step: unplaced(tracking.march_step),
         }
     }

@@ -72,6 +72,7 @@ fn push_tracking(out: &mut String, render: &RenderDesc) {
         transmittance,
         bounds,
         collision_rate,
+        flight_rate,
         march_step,
         ..
     } = render;
@@ -87,6 +88,7 @@ fn push_tracking(out: &mut String, render: &RenderDesc) {
     }
     for (key, value, usual) in [
         ("collision_rate", collision_rate, default.collision_rate),
+        ("flight_rate", flight_rate, default.flight_rate),
         ("march_step", march_step, default.march_step),
     ] {
         if value.get_ref() != usual.get_ref() {

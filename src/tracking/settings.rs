@@ -5,6 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::distance::{self, FreeFlight};
+use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
 use crate::medium::{Medium, Segments};
 use crate::sampling::Stream;
@@ -81,7 +82,7 @@ named! {
 named! {
     /// Which bounds tracking uses. The tighter, the fewer null collisions and the more steps.
     BoundsKind {
-        /// The hierarchy.
+        /// The hierarchy for distances, bricks for transmittances.
         #[default]
         Auto = "auto",
         /// One bound for the whole volume.
@@ -104,9 +105,11 @@ pub struct Tracking {
     pub transmittance: TransmittanceEstimator,
     /// Which bounds they use.
     pub bounds: BoundsKind,
-    /// Tentative collisions for each unit of the bound, 1 or more. More lower the variance of
-    /// ratio tracking and cost lookups.
+    /// Tentative collisions for each unit of the bound, 1 or more, of the transmittance: more
+    /// lower its variance and cost lookups.
     pub rate: f32,
+    /// The same of the distance, where more only cost.
+    pub flight_rate: f32,
     /// Of `ApproxRayMarching`: length of a step, in voxels.
     pub march_step: f64,
 }
@@ -118,6 +121,7 @@ impl Default for Tracking {
             transmittance: TransmittanceEstimator::default(),
             bounds: BoundsKind::default(),
             rate: 1.0,
+            flight_rate: 1.0,
             march_step: 1.0,
         }
     }
@@ -128,7 +132,7 @@ impl Default for Tracking {
 ///
 /// A step from brick to brick costs about as much as a collision, and there are many. The Disney
 /// cloud at a mean depth of 0.13: 0.23 CPU s brick by brick, 0.12 s as a whole.
-const MERGED_DEPTH: f32 = 2.0;
+const MERGED_DEPTH: f32 = 3.0;
 
 impl Tracking {
     /// Draws the world distance of the next collision from 0 to `t_max`; `None` if there is
@@ -152,11 +156,18 @@ impl Tracking {
             DistanceEstimator::Decomposition => (true, f64::INFINITY),
         };
         let flight = FreeFlight {
-            rate: self.rate,
+            rate: self.flight_rate,
             decompose,
             exact_above,
         };
-        let ray = medium.ray_over(ray, t_max, self.segments(exact_above));
+        let segments = match self.bounds {
+            // Cell by cell, larger segments would hide empty bricks.
+            _ if exact_above == 0.0 => Segments::Bricks,
+            BoundsKind::Global => Segments::Whole,
+            BoundsKind::Brick => Segments::Bricks,
+            BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        };
+        let ray = medium.ray_over(ray, t_max, segments);
         flight.sample(ray, stream, counts)
     }
 
@@ -203,17 +214,36 @@ impl Tracking {
             residual,
             exact_above,
         };
-        let ray = medium.ray_over(ray, t_max, self.segments(exact_above));
+        let segments = match self.bounds {
+            _ if exact_above == 0.0 => Segments::Bricks,
+            BoundsKind::Global => Segments::Whole,
+            // The control of a brick is worth more than the steps that larger cells save.
+            BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
+            BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        };
+        let ray = medium.ray_over(ray, t_max, segments);
         attenuation.estimate(ray, roulette_weight, stream, counts)
     }
 
-    /// Exact methods walk voxels, whatever the bound: larger segments would hide empty bricks.
-    fn segments(&self, exact_above: f64) -> Segments {
-        match self.bounds {
-            _ if exact_above == 0.0 => Segments::Bricks,
-            BoundsKind::Global => Segments::Whole,
-            BoundsKind::Brick => Segments::Bricks,
-            BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+    /// Returns these settings with what `auto` picks for the whole of a medium: the rate of the
+    /// transmittance, raised where rays meet few collisions.
+    ///
+    /// Two collisions a ray are worth their cost, most rays in thick media are not. The rule is
+    /// a fit to measured variance times cost on six volumes at three depths, where it stays within
+    /// 1.2 of the best of all estimators and rates.
+    #[must_use]
+    pub fn fitted(self, survey: &Survey) -> Self {
+        if self.transmittance != TransmittanceEstimator::Auto {
+            return self;
+        }
+        // An empty medium has no collisions, and no use for a rate.
+        let wanted = (2.0 / survey.collisions_per_ray).clamp(1.0, MAX_AUTO_RATE);
+        Self {
+            rate: self.rate * wanted,
+            ..self
         }
     }
 }
+
+/// Largest rate that `auto` picks.
+const MAX_AUTO_RATE: f32 = 4.0;
