@@ -98,3 +98,4 @@ pub mod spectrum;
 pub mod stats;
 pub mod tracking;
 pub mod vdb;
+pub mod verify;

@@ -44,6 +44,11 @@ const TABLE: &[(&str, &str)] = &[
         "render",
         "scene plan camera integrator film sampling stats light medium space spectrum",
     ),
+    (
+        "verify",
+        "verify render scene camera integrator tracking medium grid vdb phase light film sampling \
+         stats spectrum space",
+    ),
     ("output", "output film camera stats spectrum space"),
     ("plot", ""),
     (
@@ -53,7 +58,7 @@ const TABLE: &[(&str, &str)] = &[
     (
         "cli",
         "cli space spectrum stats sampling grid vdb phase camera light film medium tracking \
-         integrator scene plan render output converge",
+         integrator scene plan render output converge verify",
     ),
 ];
 
@@ -67,7 +72,14 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     (
         &["rayon::", "std::thread", "thread::"],
         // `cli` sizes the pool, once, before anything runs in it.
-        &["vdb", "render", "grid/bounds", "grid/columns", "cli"],
+        &[
+            "vdb",
+            "render",
+            "grid/bounds",
+            "grid/columns",
+            "verify",
+            "cli",
+        ],
         "starts threads",
     ),
     (

@@ -51,6 +51,18 @@ Examples:
 
 Exit codes: 0 done, 2 wrong usage, 3 bad input.";
 
+const VERIFY_EXAMPLES: &str = "\
+Examples:
+  majorant verify
+  majorant verify --stiff
+  majorant verify --filter reciprocity --json
+
+Each row has what is expected, what was measured, its standard error (or, for what is exact, how
+far it may differ), z in standard errors, the smallest relative bias that would have been seen,
+and the steps of the longest path. A row passes below 5 standard errors.
+
+Exit codes: 0 all rows pass, 1 a row fails, 2 wrong usage.";
+
 /// Unbiased rendering of OpenVDB clouds, smoke and fire.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100, after_help = EXIT_CODES, disable_help_flag = true)]
@@ -83,6 +95,9 @@ pub(super) enum Command {
     /// Read single values of a grid
     #[command(after_help = PROBE_EXAMPLES)]
     Probe(ProbeArgs),
+    /// Check this build against physics: closed forms, tables, symmetries
+    #[command(after_help = VERIFY_EXAMPLES)]
+    Verify(VerifyArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -265,6 +280,26 @@ pub(super) struct ProbeArgs {
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct VerifyArgs {
+    /// Run extreme cases instead: huge and tiny numbers, odd grids, rays on edges
+    #[arg(long)]
+    pub(super) stiff: bool,
+    /// Only checks with this text in `group: name`
+    #[arg(long, value_name = "TEXT")]
+    pub(super) filter: Option<String>,
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
+    pub(super) threads: Option<usize>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

@@ -1,6 +1,6 @@
 //! The command line: one file a subcommand, and the only place that prints.
 //!
-//! Results go to stdout (`info`, `probe`, `--print-scene`), everything else to stderr.
+//! Results go to stdout (`info`, `probe`, `verify`, `--print-scene`), everything else to stderr.
 
 mod args;
 mod converge;
@@ -12,6 +12,7 @@ mod progress;
 mod render;
 mod report;
 mod stats;
+mod verify;
 
 use std::process::ExitCode;
 
@@ -76,6 +77,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Converge(a) => converge::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),
+        Command::Verify(a) => verify::run(a),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

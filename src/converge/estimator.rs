@@ -205,6 +205,8 @@ impl fmt::Display for Estimator {
             bounds,
             rate,
             march_step,
+            // No estimator is better for it.
+            flight_rate: _,
         } = self.tracking;
         let mut words = Vec::new();
         if self.integrator == IntegratorKind::Analog {

@@ -132,7 +132,7 @@ impl Default for Tracking {
 ///
 /// A step from brick to brick costs about as much as a collision, and there are many. The Disney
 /// cloud at a mean depth of 0.13: 0.23 CPU s brick by brick, 0.12 s as a whole.
-const MERGED_DEPTH: f32 = 3.0;
+pub const MERGED_DEPTH: f32 = 3.0;
 
 impl Tracking {
     /// Draws the world distance of the next collision from 0 to `t_max`; `None` if there is
