@@ -23,7 +23,7 @@
 
 mod support;
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -137,11 +137,11 @@ fn load(name: &'static str, file: &str, grid: &str) -> Option<Asset> {
         println!("skipped: {file} is not there");
         return None;
     }
-    let archive = Archive::open(&path).unwrap();
-    let index = archive.find(grid).unwrap();
+    let archive = Archive::open(&path).expect("a file that OpenVDB reads");
+    let index = archive.find(grid).expect("the grid's name");
     let tree = archive
         .load_density(index, &LoadOptions::default())
-        .unwrap()
+        .expect("a density")
         .tree;
 
     // The cells that are not zero: those of bricks and tiles, and those below whose points read
@@ -149,18 +149,19 @@ fn load(name: &'static str, file: &str, grid: &str) -> Option<Asset> {
     let tiles = tree.stored_tiles().filter(|(_, _, tile)| tile.value > 0.0);
     let bricks = tree.brick_origins().iter().map(|&origin| (origin, CELL));
     let filled = bricks.chain(tiles.map(|(origin, size, _)| (origin, size)));
-    let mut bounds = HashMap::new();
+    let mut bounds = BTreeMap::new();
     for (origin, size) in filled {
         let n = size / CELL + 1;
         for i in 0..n.pow(3) {
             let cell = origin / CELL - 1 + IVec3::new(i / n / n, i / n % n, i % n);
-            bounds.entry(cell).or_insert_with(|| read_cell(&tree, cell));
+            let key = cell.to_array();
+            bounds.entry(key).or_insert_with(|| read_cell(&tree, cell));
         }
     }
     bounds.retain(|_, bound| bound.1 > 0.0);
     let mut domain = Aabb::EMPTY;
     for cell in bounds.keys() {
-        let low = (*cell * CELL).as_dvec3();
+        let low = (IVec3::from_array(*cell) * CELL).as_dvec3();
         domain = domain.including(low).including(low + f64::from(CELL));
     }
     let largest = bounds.values().fold(0.0, |m: f64, bound| m.max(bound.1));
@@ -171,18 +172,18 @@ fn load(name: &'static str, file: &str, grid: &str) -> Option<Asset> {
         let mut draw = || f64::from(stream.uniform());
         let p = domain.min + (domain.max - domain.min) * DVec3::new(draw(), draw(), draw());
         if draw() * largest < trilinear(&tree, p) {
-            let direction = sample_cone(DVec3::Z, 2.0, &mut stream).normalize();
+            let direction = sample_cone(DVec3::Z, 2.0, &mut stream);
             let start = (domain.max - domain.min).length();
             rays.push((p - direction * start, direction));
         }
     }
-    let chord = |&(o, d): &(DVec3, DVec3)| domain.intersect(o, d).unwrap();
+    let chord = |&(o, d): &(DVec3, DVec3)| domain.intersect(o, d).expect("it crosses");
     let parts = rays.iter().map(|ray| {
         let cuts = crossings(*ray, f64::from(CELL), chord(ray));
         let parts = cuts.windows(2).filter_map(|w| {
             let cell = ray.0 + ray.1 * f64::midpoint(w[0], w[1]);
             let cell = (cell / f64::from(CELL)).floor().as_ivec3();
-            let &(min, max, mean) = bounds.get(&cell)?;
+            let &(min, max, mean) = bounds.get(&cell.to_array())?;
             let range = (w[0], w[1]);
             Some(Part {
                 length: w[1] - w[0],
@@ -198,7 +199,7 @@ fn load(name: &'static str, file: &str, grid: &str) -> Option<Asset> {
     });
     let parts = parts.collect();
     let chords = rays.iter().map(|ray| chord(ray).1 - chord(ray).0).collect();
-    let grid = DensityGrid::new(tree, IndexTransform::uniform(1.0), usize::MAX).unwrap();
+    let grid = DensityGrid::new(tree, IndexTransform::uniform(1.0), usize::MAX).expect("no limit");
     Some(Asset {
         name,
         grid: Arc::new(grid),
