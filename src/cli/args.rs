@@ -27,7 +27,7 @@ Estimators are names joined by + in any order; what is not named is auto:
   free flight  delta, decomposition, regular, closed-form
   shadow rays  ratio, residual-ratio, exact, approx-ray-marching; transmittance=delta
   bounds       brick, global, hierarchy
-  also         rate=X, step=X, analog; all: the most useful dozen
+  also         rate=X, flight-rate=X, step=X, analog; all: the most useful dozen
 
 Examples:
   majorant converge cloud.toml --estimators delta+ratio,regular+exact,auto --budget 30s

@@ -80,8 +80,9 @@ const TRANSMITTANCES: [&str; 7] = [
     "decomposition+approx-ray-marching+step=4",
     "decomposition+approx-ray-marching+step=16",
 ];
-const BOUNDS: [&str; 3] = [
+const BOUNDS: [&str; 4] = [
     "decomposition+residual-ratio+brick",
+    "decomposition+residual-ratio+hierarchy",
     "decomposition+residual-ratio+global",
     "delta+ratio+global",
 ];
@@ -176,6 +177,9 @@ impl Estimator {
         let closed = tracking.distance == DistanceEstimator::ClosedForm
             || tracking.transmittance == TransmittanceEstimator::ClosedForm;
         let varies = scene.medium.as_ref().is_some_and(|m| !m.is_homogeneous());
+        // `auto` raises a rate by 4 at most.
+        let rate = 4.0 * tracking.rate.max(tracking.flight_rate);
+        let largest_rate = scene.medium.as_ref().map_or(0.0, |m| m.majorant() * rate);
         let analog = *integrator == IntegratorKind::Analog;
         let suns = &scene.lights.distant;
         let has_parallel_light = suns.iter().any(|s| s.radiance(s.direction()).is_black());
@@ -185,6 +189,8 @@ impl Estimator {
             "analog cannot see a sun of zero diameter: take path"
         } else if analog && tracking.transmittance != TransmittanceEstimator::Auto {
             "analog estimates no transmittance: name none"
+        } else if !largest_rate.is_finite() {
+            "the rate times the largest extinction is beyond all numbers: lower it"
         } else {
             return Ok(());
         };
@@ -204,10 +210,12 @@ impl fmt::Display for Estimator {
             transmittance,
             bounds,
             rate,
+            flight_rate,
             march_step,
             // No estimator is better for it.
             flight_rate: _,
         } = self.tracking;
+        let default = Tracking::default();
         let mut words = Vec::new();
         if self.integrator == IntegratorKind::Analog {
             words.push("analog".to_owned());
@@ -223,8 +231,11 @@ impl fmt::Display for Estimator {
         if bounds != BoundsKind::Auto {
             words.push(bounds.to_string());
         }
-        if rate != Tracking::default().rate {
+        if rate != default.rate {
             words.push(format!("rate={rate}"));
+        }
+        if flight_rate != default.flight_rate {
+            words.push(format!("flight-rate={flight_rate}"));
         }
         if transmittance == T::ApproxRayMarching {
             words.push(format!("step={march_step}"));
@@ -279,13 +290,17 @@ struct Parser<'a> {
     tracking: Tracking,
 }
 
+/// What a rate may be.
+const RATES: &str = "a number from 1 to 1000000";
+
 /// Keys that may stand before a value.
-const KEYS: [&str; 6] = [
+const KEYS: [&str; 7] = [
     "integrator",
     "distance",
     "transmittance",
     "bounds",
     "rate",
+    "flight-rate",
     "step",
 ];
 
@@ -341,8 +356,11 @@ impl Parser<'_> {
                 ("bounds", self.bounds.replace(found).is_some())
             }
             "rate" => {
-                let expected = "a number from 1 to 1000000";
-                self.tracking.rate = self.number(value, 1.0..=1e6, expected)?;
+                self.tracking.rate = self.number(value, 1.0..=1e6, RATES)?;
+                return Ok(());
+            }
+            "flight-rate" => {
+                self.tracking.flight_rate = self.number(value, 1.0..=1e6, RATES)?;
                 return Ok(());
             }
             "step" => {
@@ -463,6 +481,7 @@ mod tests {
                 "approx-ray-marching+step=0.5",
             ),
             ("analog+global", "analog+global"),
+            ("flight-rate=2+delta", "delta+flight-rate=2"),
         ] {
             assert_eq!(name(text), expected, "{text}");
             assert_eq!(name(expected), expected, "the name parses to itself");

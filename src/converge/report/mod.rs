@@ -288,7 +288,7 @@ impl Page {
              <th>by values read<br><small>1 / (rel. variance · 10⁶)</small></th>\
              <th>CPU s to<br>relMSE {target}</th><th>CPU ms<br>a sample</th>\
              <th>values<br>a ray</th><th>null<br>share</th><th>first tile<br>ms</th>\
-             <th>slope</th><th>worst 1 %<br>of pixels</th><th>mean less<br>reference</th><th>bias</th></tr></thead><tbody>"
+             <th>slope</th><th>worst 1 %<br>of pixels</th><th>mean less<br>reference</th></tr></thead><tbody>"
         ));
         let sorted = results.by_efficiency();
         let best = sorted.iter().filter(|e| !is_biased(e));
@@ -328,12 +328,15 @@ impl Page {
                     percent(s.bias.mean_standard_error)
                 ),
             ];
-            self.push(format_args!("<tr><th>{name}</th>"));
+            let verdict = match s.bias.verdict {
+                Verdict::Unbiased => String::new(),
+                _ => format!("<br>{}", verdict(&s.bias)),
+            };
+            self.push(format_args!("<tr><th>{name}{verdict}</th>"));
             for cell in row {
                 self.push(format_args!("<td>{cell}</td>"));
             }
-            let verdict = verdict(&s.bias);
-            self.push(format_args!("<td class=\"text\">{verdict}</td></tr>"));
+            self.push(format_args!("</tr>"));
         }
         self.push(format_args!(
             "</tbody></table></div><p>Ranges are 95 % intervals. A biased estimator has an \
