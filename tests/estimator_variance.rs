@@ -380,6 +380,7 @@ fn check(asset: Option<Asset>) {
         let k = scale(&asset, depth);
         check_tracking(&asset, depth, k);
         check_deterministic(&asset, depth, k);
+        check_power_series(&asset, depth, k);
     }
 }
 
@@ -527,6 +528,59 @@ fn check_deterministic(asset: &Asset, depth: f64, k: f64) {
         "{}: {march_cost}",
         asset.name
     );
+}
+
+/// No closed form tells the variance of the power series. It must be unbiased, cost what its
+/// combs say and vary less than residual ratio tracking at the same rate.
+fn check_power_series(asset: &Asset, depth: f64, k: f64) {
+    let rate = 1.0_f32;
+    let tracking = Tracking {
+        transmittance: TransmittanceEstimator::PowerSeries,
+        bounds: BoundsKind::Brick,
+        rate,
+        ..Tracking::default()
+    };
+    let rays = asset.parts.iter();
+    let residual: Vec<Prediction> = rays
+        .map(|parts| predict(parts, k, Control::Novak, 1.0))
+        .collect();
+    let got = measure(asset, k, &tracking, &residual);
+    let parts = asset.parts.iter().flatten().filter(|p| !p.is_homogeneous());
+    let range: f64 = parts
+        .map(|part| k * (part.max - part.mean).max(part.mean - part.min) * part.length)
+        .sum();
+    // One comb, and one for each order: the first for one ray in ten, the next with
+    // probability 2/k each.
+    let orders = (1..20).scan(0.1, |p, k: i32| {
+        let now = *p;
+        *p *= f64::min(1.0, 2.0 / f64::from(k + 1));
+        Some(now)
+    });
+    let combs = 1.0 + orders.sum::<f64>();
+    let predicted = combs * 2.0 * f64::from(rate) * range / RAYS as f64;
+    let cost = got.counts.lookups as f64 / (RAYS * REPETITIONS) as f64 / predicted;
+    let gain = mean(residual.iter().map(|p| p.variance)) / got.variance;
+    println!(
+        "{}, depth {depth}, power series: variance {:.2e}, {gain:.1} times below residual ratio \
+         tracking; lookups {predicted:.2}, {cost:.3} of predicted; mean {:.4}, z {:+.2}, \
+         smallest bias seen {:.1e}",
+        asset.name,
+        got.variance,
+        got.mean,
+        got.z_mean,
+        5.0 * got.error / got.mean,
+    );
+    let name = asset.name;
+    assert!(
+        got.z_mean.abs() < 5.0,
+        "{name}: mean off by {} errors",
+        got.z_mean
+    );
+    assert!(
+        (cost - 1.0).abs() < 0.1,
+        "{name}: cost is {cost} of predicted"
+    );
+    assert!(gain > 1.5, "{name}: variance only {gain} times below");
 }
 
 #[test]

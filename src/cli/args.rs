@@ -25,7 +25,7 @@ Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
 const CONVERGE_EXAMPLES: &str = "\
 Estimators are names joined by + in any order; what is not named is auto:
   free flight  delta, decomposition, regular, closed-form
-  shadow rays  ratio, residual-ratio, exact, approx-ray-marching; transmittance=delta
+  shadow rays  ratio, residual-ratio, exact, power-series, approx-ray-marching; transmittance=delta
   bounds       brick, global, hierarchy
   also         rate=X, flight-rate=X, step=X, analog; all: the most useful dozen
 
@@ -164,7 +164,8 @@ pub(super) struct TrackingArgs {
     /// Free flight: auto, delta, decomposition, regular or closed-form
     #[arg(long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
     pub(super) distance: Option<DistanceEstimator>,
-    /// Shadow rays: auto, residual-ratio, ratio, exact, delta, closed-form or approx-ray-marching
+    /// Shadow rays: auto, residual-ratio, ratio, exact, power-series, delta, closed-form or
+    /// approx-ray-marching
     #[arg(long, value_name = "NAME", value_parser = parse_named(TransmittanceEstimator::ALL, TransmittanceEstimator::name))]
     pub(super) transmittance: Option<TransmittanceEstimator>,
     /// Bounds of both: auto, hierarchy, brick or global

@@ -71,8 +71,9 @@ const DISTANCES: [&str; 3] = [
     "delta+residual-ratio",
     "regular+residual-ratio",
 ];
-const TRANSMITTANCES: [&str; 7] = [
+const TRANSMITTANCES: [&str; 8] = [
     "decomposition+exact",
+    "decomposition+power-series",
     "decomposition+ratio",
     "decomposition+ratio+rate=4",
     "decomposition+transmittance=delta",
@@ -212,8 +213,6 @@ impl fmt::Display for Estimator {
             rate,
             flight_rate,
             march_step,
-            // No estimator is better for it.
-            flight_rate: _,
         } = self.tracking;
         let default = Tracking::default();
         let mut words = Vec::new();

@@ -18,6 +18,7 @@
 //! | ratio tracking `[Novak2014]` | 0 | `rate · sigma_maj` | thick media: `M` tight makes the variance larger |
 //! | residual ratio tracking `[Novak2014]` | Novák's, below | `rate · max(sigma_maj − c, c − sigma_min)` | thick and empty by turns: little is left to control |
 //! | delta tracking | – | `rate · sigma_maj` | ever, but as a yardstick: every estimate is 0 or 1, variance `T (1 − T)` |
+//! | power series `[Kettunen2021]` | the mean | 2.6 `rate · max(sigma_maj − c, c − sigma_min)` points, not at random | coarse or torn voxels; see `power_series` |
 //! | ray marching | – | – | BIAS: whenever the answer matters, see [`March`] |
 //!
 //! The control is `min + r (2^(1 / (D r)) − 1)`, with `r = max − min` of the segment's cell and
