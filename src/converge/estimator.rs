@@ -130,6 +130,11 @@ impl Estimator {
             && (a.transmittance == b.transmittance || !has_suns)
     }
 
+    /// Returns whether its expectation is known to be wrong, however little of it is seen.
+    pub fn is_approximate(&self) -> bool {
+        self.tracking.transmittance == TransmittanceEstimator::ApproxRayMarching
+    }
+
     /// Makes `scene` render by this estimator.
     pub fn apply(&self, scene: &mut Scene) {
         scene.transport = TransportSettings {

@@ -57,6 +57,8 @@ pub struct ReferenceInfo {
 pub struct EstimatorResults {
     /// Its name, which parses to it.
     pub name: String,
+    /// Whether it is biased by design, however little of it is seen.
+    pub approximate: bool,
     /// Index of the reference that it is compared with.
     pub reference: usize,
     /// What its measurements come to.

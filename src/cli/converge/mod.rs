@@ -304,6 +304,7 @@ impl<'a> Run<'a> {
             };
             EstimatorResults {
                 name: estimator.to_string(),
+                approximate: estimator.is_approximate(),
                 reference,
                 summary: summarise(record, self.extent.seeds, comparison, self.args.target),
             }

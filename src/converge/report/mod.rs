@@ -84,6 +84,11 @@ fn is_biased(estimator: &EstimatorResults) -> bool {
     )
 }
 
+/// Estimators that may be called the best.
+fn is_fair(estimator: &EstimatorResults) -> bool {
+    !estimator.approximate && !is_biased(estimator)
+}
+
 struct Page(String);
 
 impl Page {
@@ -172,14 +177,14 @@ impl Page {
         let sorted = results.by_efficiency();
         let known: Vec<_> = sorted
             .iter()
-            .filter(|e| !is_biased(e))
+            .filter(|e| is_fair(e))
             .filter_map(|e| e.summary.timing.efficiency.map(|x| (&e.name, x)))
             .collect();
         if let [(best, best_value), .., (worst, worst_value)] = &known[..] {
             let (best, worst) = (escape(best), escape(worst));
             let factor = number(best_value.value / worst_value.value);
             self.push(format_args!(
-                "<li>Most efficient of those without visible bias: <b>{best}</b>; the least, {worst}, \
+                "<li>Most efficient without bias: <b>{best}</b>; the least, {worst}, \
                  takes {factor} times as long for the same noise.</li>"
             ));
             let close: Vec<_> = known[1..]
@@ -201,7 +206,9 @@ impl Page {
             self.bias(e);
         }
         if !results.estimators.iter().any(is_biased) {
-            self.push(format_args!("<li>No estimator shows a bias.</li>"));
+            self.push(format_args!(
+                "<li>No estimator shows a bias that these budgets can see.</li>"
+            ));
         }
         let violations: u64 = results
             .estimators
@@ -291,7 +298,7 @@ impl Page {
              <th>slope</th><th>worst 1 %<br>of pixels</th><th>mean less<br>reference</th></tr></thead><tbody>"
         ));
         let sorted = results.by_efficiency();
-        let best = sorted.iter().filter(|e| !is_biased(e));
+        let best = sorted.iter().filter(|e| is_fair(e));
         let best = best
             .filter_map(|e| e.summary.timing.efficiency)
             .map(|x| x.value)
@@ -329,6 +336,9 @@ impl Page {
                 ),
             ];
             let verdict = match s.bias.verdict {
+                Verdict::Unbiased if e.approximate => {
+                    "<br><small>biased by design</small>".to_owned()
+                }
                 Verdict::Unbiased => String::new(),
                 _ => format!("<br>{}", verdict(&s.bias)),
             };
@@ -411,7 +421,7 @@ fn curves(
     let curve = |e: &EstimatorResults| Curve {
         name: e.name.clone(),
         points: e.summary.points.iter().filter_map(point).collect(),
-        dashed: is_biased(e),
+        dashed: !is_fair(e),
     };
     results.estimators.iter().map(curve).collect()
 }
