@@ -265,7 +265,7 @@ fn estimators_that_a_scene_does_not_allow_are_refused() {
     };
     assert_eq!(names("delta,auto, delta ,path", &scene), ["delta", "auto"]);
     let all = names("all", &scene);
-    assert_eq!(all.len(), 16, "{all:?}");
+    assert_eq!(all.len(), 17, "{all:?}");
     assert!(all.iter().any(|n| n.contains("marching")), "{all:?}");
     let furnace = names("all", &self::scene("furnace.toml"));
     assert!(furnace.contains(&"analog".to_owned()), "{furnace:?}");
