@@ -97,6 +97,15 @@ impl Pixel {
     }
 }
 
+/// What the samples of one pixel cost.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PixelCost {
+    /// Voxel values read.
+    pub values_read: u64,
+    /// Tentative collisions that turned out to be with nothing.
+    pub null_collisions: u64,
+}
+
 /// A rectangle of pixels, row by row from the top left.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Film {

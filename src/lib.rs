@@ -80,6 +80,7 @@
 //! source.
 
 pub mod camera;
+pub mod converge;
 pub mod film;
 pub mod grid;
 pub mod integrator;
@@ -88,6 +89,7 @@ pub mod medium;
 pub mod output;
 pub mod phase;
 pub mod plan;
+pub mod plot;
 pub mod render;
 pub mod sampling;
 pub mod scene;

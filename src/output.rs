@@ -15,7 +15,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use exr::meta::attribute::{AttributeValue, Chromaticities, Text};
 use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, Image, Layer, LayerAttributes, SmallVec, Vec2,
-    WritableImage as _, f16,
+    WritableImage as _, f16, read_first_flat_layer_from_file,
 };
 use glam::DMat4;
 use tempfile::NamedTempFile;
@@ -41,6 +41,14 @@ pub enum OutputError {
         path: PathBuf,
         /// What the encoder said.
         source: exr::error::Error,
+    },
+    /// An image that was to be read is missing, damaged or has no colours.
+    #[error("{}: cannot read the image: {message}", path.display())]
+    Unreadable {
+        /// The image.
+        path: PathBuf,
+        /// What is wrong with it.
+        message: String,
     },
     /// The PNG encoder refused the image.
     #[error("{}: cannot encode the image", path.display())]
@@ -82,9 +90,31 @@ pub struct Provenance {
 /// # Errors
 /// If the folder cannot be made or the file not be written; no part of it is then left.
 pub fn write_exr(path: &Path, film: &Film, provenance: &Provenance) -> Result<(), OutputError> {
+    write_layer(path, film, provenance, channels(film, Colours::Half))
+}
+
+/// Writes `film` as an EXR whose `R G B` are float: to compare with, where a half's rounding would
+/// be taken for bias.
+///
+/// # Errors
+/// If the folder cannot be made or the file not be written; no part of it is then left.
+pub fn write_float_exr(
+    path: &Path,
+    film: &Film,
+    provenance: &Provenance,
+) -> Result<(), OutputError> {
+    write_layer(path, film, provenance, channels(film, Colours::Float))
+}
+
+fn write_layer(
+    path: &Path,
+    film: &Film,
+    provenance: &Provenance,
+    channels: AnyChannels<FlatSamples>,
+) -> Result<(), OutputError> {
     let size = (film.width() as usize, film.height() as usize);
     let encoding = Encoding::SMALL_LOSSLESS;
-    let layer = Layer::new(size, attributes(provenance), encoding, channels(film));
+    let layer = Layer::new(size, attributes(provenance), encoding, channels);
     let mut image = Image::from_layer(layer);
     image.attributes.chromaticities = Some(REC_709);
     write_whole(path, |file| {
@@ -137,6 +167,78 @@ pub fn write_text(path: &Path, text: &str) -> Result<(), OutputError> {
                 path: path.to_owned(),
                 source,
             })
+    })
+}
+
+/// Writes bytes with the same care as images.
+///
+/// # Errors
+/// If the folder cannot be made or the file not be written; no part of it is then left.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), OutputError> {
+    write_whole(path, |file| {
+        file.write_all(bytes).map_err(|source| OutputError::Io {
+            path: path.to_owned(),
+            source,
+        })
+    })
+}
+
+/// An EXR as others may have written it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ReadImage {
+    /// Columns.
+    pub width: usize,
+    /// Rows.
+    pub height: usize,
+    /// R, G and B, row by row from the top.
+    pub colours: Vec<[f64; 3]>,
+    /// `variance.R`, `.G` and `.B`, if all are there and finite.
+    pub variance: Option<Vec<[f64; 3]>>,
+    /// Whether the colours are halves, rounded to 11 binary digits.
+    pub is_half: bool,
+}
+
+/// Reads the colours of the first layer of an EXR, and their variances if it has them.
+///
+/// # Errors
+/// If it cannot be read, has no channels R, G and B, or any that is not finite.
+pub fn read_exr(path: &Path) -> Result<ReadImage, OutputError> {
+    let unreadable = |message: String| OutputError::Unreadable {
+        path: path.to_owned(),
+        message,
+    };
+    let image = read_first_flat_layer_from_file(path).map_err(|e| unreadable(e.to_string()))?;
+    let layer = image.layer_data;
+    let channels = &layer.channel_data.list;
+    let channel = |name: &str| channels.iter().find(|c| c.name.eq(name));
+    let triple = |names: [&str; 3]| -> Option<Vec<[f64; 3]>> {
+        let [a, b, c] = names.map(channel);
+        let values = |c: &AnyChannel<FlatSamples>| -> Vec<f64> {
+            c.sample_data.values_as_f32().map(f64::from).collect()
+        };
+        let (a, b, c) = (values(a?), values(b?), values(c?));
+        let three = a.iter().zip(b).zip(c).map(|((&a, b), c)| [a, b, c]);
+        Some(three.collect())
+    };
+    let colours = triple(["R", "G", "B"]).ok_or_else(|| {
+        let found: Vec<_> = channels.iter().map(|c| c.name.to_string()).collect();
+        unreadable(format!(
+            "its channels are {}, expected R, G and B",
+            found.join(", ")
+        ))
+    })?;
+    if !colours.as_flattened().iter().all(|x| x.is_finite()) {
+        return Err(unreadable("it holds values that are not finite".to_owned()));
+    }
+    let is_half =
+        |name| channel(name).is_some_and(|c| matches!(c.sample_data, FlatSamples::F16(_)));
+    Ok(ReadImage {
+        width: layer.size.0,
+        height: layer.size.1,
+        colours,
+        variance: triple(["variance.R", "variance.G", "variance.B"])
+            .filter(|v| v.as_flattened().iter().all(|&x| x.is_finite() && x >= 0.0)),
+        is_half: ["R", "G", "B"].into_iter().any(is_half),
     })
 }
 
@@ -198,7 +300,14 @@ fn temporary_beside(path: &Path) -> Result<NamedTempFile, OutputError> {
     builder.tempfile_in(folder).map_err(io_error)
 }
 
-fn channels(film: &Film) -> AnyChannels<FlatSamples> {
+/// How colours are stored.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Colours {
+    Half,
+    Float,
+}
+
+fn channels(film: &Film, colours: Colours) -> AnyChannels<FlatSamples> {
     let pixels = film.pixels();
     let half = |name: &str, value: &dyn Fn(&Pixel) -> f64| {
         let samples = pixels.iter().map(|p| to_half(value(p))).collect();
@@ -209,6 +318,10 @@ fn channels(film: &Film) -> AnyChannels<FlatSamples> {
         let samples = pixels.iter().map(|p| value(p) as f32).collect();
         AnyChannel::new(name, FlatSamples::F32(samples))
     };
+    let colour = |name: &str, value: &dyn Fn(&Pixel) -> f64| match colours {
+        Colours::Half => half(name, value),
+        Colours::Float => float(name, value),
+    };
     let depth = |p: &Pixel| {
         if p.hit_count == 0 {
             f64::INFINITY
@@ -217,9 +330,9 @@ fn channels(film: &Film) -> AnyChannels<FlatSamples> {
         }
     };
     let list: SmallVec<[AnyChannel<FlatSamples>; 4]> = [
-        half("R", &|p| p.mean[0]),
-        half("G", &|p| p.mean[1]),
-        half("B", &|p| p.mean[2]),
+        colour("R", &|p| p.mean[0]),
+        colour("G", &|p| p.mean[1]),
+        colour("B", &|p| p.mean[2]),
         half("A", &Pixel::alpha),
         float("Z", &depth),
         float("variance.R", &|p| p.variance_of_mean()[0]),
@@ -241,11 +354,11 @@ fn to_half(x: f64) -> f16 {
     f16::from_f64(x.min(HALF_MAX))
 }
 
-/// Encodes a linear value for an 8 bit sRGB picture.
+/// Encodes a linear value for an 8 bit sRGB picture, clamped to [0, 1].
 ///
 /// # Reference
 /// `[Stokes1996]`.
-fn srgb_byte(linear: f64) -> u8 {
+pub fn srgb_byte(linear: f64) -> u8 {
     let x = linear.clamp(0.0, 1.0);
     let encoded = if x <= 0.003_130_8 {
         12.92 * x

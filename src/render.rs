@@ -10,7 +10,7 @@ use std::time::Instant;
 use glam::DVec2;
 use rayon::prelude::*;
 
-use crate::film::{Film, Pixel, Sample};
+use crate::film::{Film, Pixel, PixelCost, Sample};
 use crate::integrator::Context;
 use crate::sampling::{Stream, StreamKey};
 use crate::scene::Scene;
@@ -51,13 +51,36 @@ pub struct Rendered {
 ///
 /// Setting `cancel` ends the render at the next pixel; pixels that were not reached are empty.
 pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Rendered {
+    render_each(scene, progress, cancel, &mut |_, _| {})
+}
+
+/// Renders like [`render`], and also returns what each pixel cost, row by row from the top.
+///
+/// # Cost
+/// 16 bytes a pixel; the samples are the same.
+pub fn render_with_costs(
+    scene: &Scene,
+    progress: &dyn Progress,
+    cancel: &AtomicBool,
+) -> (Rendered, Vec<PixelCost>) {
+    let mut costs = vec![PixelCost::default(); scene.width as usize * scene.height as usize];
+    let rendered = render_each(scene, progress, cancel, &mut |at, cost| costs[at] = cost);
+    (rendered, costs)
+}
+
+fn render_each(
+    scene: &Scene,
+    progress: &dyn Progress,
+    cancel: &AtomicBool,
+    on_cost: &mut dyn FnMut(usize, PixelCost),
+) -> Rendered {
     let start = Instant::now();
     let context = Context::new(scene.medium.as_ref(), &scene.lights, scene.transport);
     let mut film = Film::new(scene.width, scene.height);
     let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
     let done = AtomicU64::new(0);
     let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
-    let rendered: Vec<(Vec<Pixel>, Counts, f64)> = tiles
+    let rendered: Vec<(Pixels, Counts, f64)> = tiles
         .par_iter()
         .map(|tile| {
             let (pixels, counts) = render_tile(scene, &context, tile, cancel);
@@ -72,8 +95,10 @@ pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Re
     for (tile, (pixels, tile_counts, secs)) in tiles.iter().zip(rendered) {
         counts.add(&tile_counts);
         first_tile_secs = first_tile_secs.min(secs);
-        for (at, pixel) in tile.pixels().zip(pixels) {
-            film.pixels_mut()[at.1 as usize * scene.width as usize + at.0 as usize] = pixel;
+        for ((x, y), (pixel, cost)) in tile.pixels().zip(pixels) {
+            let at = y as usize * scene.width as usize + x as usize;
+            film.pixels_mut()[at] = pixel;
+            on_cost(at, cost);
         }
     }
     Rendered {
@@ -83,6 +108,9 @@ pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Re
         complete: counts.camera_rays == total,
     }
 }
+
+/// The pixels of a tile and what they cost.
+type Pixels = Vec<(Pixel, PixelCost)>;
 
 /// A rectangle of pixels.
 struct Tile {
@@ -113,13 +141,14 @@ fn render_tile(
     context: &Context<'_>,
     tile: &Tile,
     cancel: &AtomicBool,
-) -> (Vec<Pixel>, Counts) {
+) -> (Pixels, Counts) {
     let mut counts = Counts::default();
     let pixels = tile.pixels().map(|(x, y)| {
         let mut pixel = Pixel::default();
         if cancel.load(Ordering::Relaxed) {
-            return pixel;
+            return (pixel, PixelCost::default());
         }
+        let before = counts;
         let index = u64::from(y) * u64::from(scene.width) + u64::from(x);
         for sample in 0..u64::from(scene.spp) {
             let key = StreamKey {
@@ -145,7 +174,11 @@ fn render_tile(
                 counts.non_finite_samples += 1;
             }
         }
-        pixel
+        let cost = PixelCost {
+            values_read: counts.values_read() - before.values_read(),
+            null_collisions: counts.null_collisions - before.null_collisions,
+        };
+        (pixel, cost)
     });
     (pixels.collect(), counts)
 }

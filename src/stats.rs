@@ -49,6 +49,13 @@ counts! {
     non_finite_samples,
 }
 
+impl Counts {
+    /// Returns how many voxel values were read, at points and for whole cells.
+    pub fn values_read(&self) -> u64 {
+        self.lookups + 8 * self.voxel_cells
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

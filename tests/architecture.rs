@@ -50,10 +50,15 @@ const TABLE: &[(&str, &str)] = &[
          stats spectrum space",
     ),
     ("output", "output film camera stats spectrum space"),
+    ("plot", ""),
+    (
+        "converge",
+        "converge scene integrator tracking render film sampling stats output plot",
+    ),
     (
         "cli",
         "cli space spectrum stats sampling grid vdb phase camera light film medium tracking \
-         integrator scene plan render output verify",
+         integrator scene plan render output converge verify",
     ),
 ];
 

@@ -298,6 +298,7 @@ fn every_estimator_renders_by_name_and_is_explained() {
         ("--transmittance", "ratio"),
         ("--transmittance", "residual-ratio"),
         ("--transmittance", "exact"),
+        ("--transmittance", "power-series"),
         ("--transmittance", "delta"),
         ("--transmittance", "approx-ray-marching"),
         ("--bounds", "global"),

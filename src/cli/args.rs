@@ -22,6 +22,21 @@ Examples:
 
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
 
+const CONVERGE_EXAMPLES: &str = "\
+Estimators are names joined by + in any order; what is not named is auto:
+  free flight  delta, decomposition, regular, closed-form
+  shadow rays  ratio, residual-ratio, exact, power-series, approx-ray-marching; transmittance=delta
+  bounds       brick, global, hierarchy
+  also         rate=X, flight-rate=X, step=X, analog; all: the most useful dozen
+
+Examples:
+  majorant converge cloud.toml --estimators delta+ratio,regular+exact,auto --budget 30s
+  majorant converge cloud.toml -r 240x135 --seeds 10 --budget 2m -o cloud-study
+  majorant converge cloud.toml -r 240x135 --seeds 10 --budget 2m -o cloud-study --resume
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted: results so far are
+written, and --resume goes on.";
+
 const INFO_EXAMPLES: &str = "\
 Examples:
   majorant info cloud.vdb
@@ -71,6 +86,9 @@ pub(super) enum Command {
     /// Render a scene file, or a bare .vdb with a default look, to OpenEXR
     #[command(after_help = RENDER_EXAMPLES)]
     Render(Box<RenderArgs>),
+    /// Compare estimators by error against run time
+    #[command(after_help = CONVERGE_EXAMPLES)]
+    Converge(Box<ConvergeArgs>),
     /// List the grids of volume files
     #[command(after_help = INFO_EXAMPLES)]
     Info(InfoArgs),
@@ -146,7 +164,8 @@ pub(super) struct TrackingArgs {
     /// Free flight: auto, delta, decomposition, regular or closed-form
     #[arg(long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
     pub(super) distance: Option<DistanceEstimator>,
-    /// Shadow rays: auto, residual-ratio, ratio, exact, delta, closed-form or approx-ray-marching
+    /// Shadow rays: auto, residual-ratio, ratio, exact, power-series, delta, closed-form or
+    /// approx-ray-marching
     #[arg(long, value_name = "NAME", value_parser = parse_named(TransmittanceEstimator::ALL, TransmittanceEstimator::name))]
     pub(super) transmittance: Option<TransmittanceEstimator>,
     /// Bounds of both: auto, hierarchy, brick or global
@@ -176,6 +195,52 @@ where
         let found = all.iter().find(|&&v| name(v) == text);
         found.copied().ok_or("not one of the possible values")
     })
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ConvergeArgs {
+    /// Scene file
+    pub(super) scene: PathBuf,
+    /// Estimators with commas between them; below
+    #[arg(short, long, value_name = "LIST", default_value = "all")]
+    pub(super) estimators: String,
+    /// CPU time for each estimator: 90s, 2m or 1h
+    #[arg(long, value_name = "TIME", default_value = "60s", value_parser = parse_duration)]
+    pub(super) budget: f64,
+    /// Image to compare with; auto renders one by an estimator that is not under test
+    #[arg(long, value_name = "R.exr|auto", default_value = "auto")]
+    pub(super) reference: PathBuf,
+    /// CPU time for the automatic reference [default: twice the budget]
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub(super) reference_budget: Option<f64>,
+    /// Folder to write [default: the scene's name with -converge, in the current folder]
+    #[arg(short, long, value_name = "DIR")]
+    pub(super) output: Option<PathBuf>,
+    /// Independent renders for each point of a curve; 10 for good intervals
+    #[arg(long, value_name = "N", default_value = "4", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(super) seeds: u32,
+    /// Most samples a pixel of one render
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) max_spp: Option<u32>,
+    /// relMSE that times are given for
+    #[arg(long, value_name = "RELMSE", default_value = "0.01", value_parser = parse_positive)]
+    pub(super) target: f64,
+    /// Go on with an interrupted run in the same folder
+    #[arg(long)]
+    pub(super) resume: bool,
+    /// Columns and rows of the image
+    #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
+    pub(super) resolution: Option<[u32; 2]>,
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
+    pub(super) threads: Option<usize>,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -278,6 +343,25 @@ fn parse_resolution(s: &str) -> Result<[u32; 2], String> {
         .ok_or_else(expected)
 }
 
+fn parse_positive(s: &str) -> Result<f64, String> {
+    let number = s.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite());
+    number.ok_or_else(|| "expected a number above 0".to_owned())
+}
+
+/// Reads `90s`, `2m`, `1.5h` or plain seconds.
+fn parse_duration(s: &str) -> Result<f64, String> {
+    let digits = s.trim_end_matches(|c: char| c.is_ascii_alphabetic());
+    let unit = match &s[digits.len()..] {
+        "" | "s" => Some(1.0),
+        "m" | "min" => Some(60.0),
+        "h" => Some(3600.0),
+        _ => None,
+    };
+    let count = parse_positive(digits).ok();
+    let secs = count.zip(unit).map(|(count, unit)| count * unit);
+    secs.ok_or_else(|| "expected a time above 0, such as 90s, 2m or 1h".to_owned())
+}
+
 fn parse_three<T: std::str::FromStr>(s: &str, separator: char) -> Option<[T; 3]> {
     let mut parts = s.split(separator).map(|p| p.trim().parse().ok());
     let three = [parts.next()??, parts.next()??, parts.next()??];
@@ -327,6 +411,16 @@ mod tests {
         assert_eq!(parse_resolution("480x270"), Ok([480, 270]));
         for bad in ["480", "0x1", "1x65537", "-1x5", "4 x 5", "4x5x6", ""] {
             assert!(parse_resolution(bad).is_err(), "{bad:?}");
+        }
+    }
+
+    #[test]
+    fn durations() {
+        for (text, secs) in [("90", 90.0), ("90s", 90.0), ("2m", 120.0), ("1.5h", 5400.0)] {
+            assert_eq!(parse_duration(text), Ok(secs));
+        }
+        for bad in ["", "0", "-1s", "s", "1d", "inf", "nan"] {
+            assert!(parse_duration(bad).is_err(), "{bad:?}");
         }
     }
 

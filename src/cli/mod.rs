@@ -3,6 +3,7 @@
 //! Results go to stdout (`info`, `probe`, `verify`, `--print-scene`), everything else to stderr.
 
 mod args;
+mod converge;
 mod info;
 mod json;
 mod memory;
@@ -32,6 +33,8 @@ enum Failure {
     BadInput(String),
     /// Some inputs could not be read, which has been said.
     Reported,
+    /// The user interrupted the run, which has said what it kept.
+    Interrupted,
     /// Something else went wrong, mostly while writing.
     Failed(Box<dyn std::error::Error>),
 }
@@ -46,6 +49,8 @@ impl Failure {
         match self {
             Self::Failed(_) => 1,
             Self::Usage(_) => 2,
+            // What shells say of a program that SIGINT ended.
+            Self::Interrupted => 130,
             Self::Scene(_) | Self::Vdb(_) | Self::BadInput(_) | Self::Reported => 3,
         }
     }
@@ -69,6 +74,7 @@ pub(crate) fn run() -> ExitCode {
     report::start(args.quiet, args.verbose);
     let result = match &args.command {
         Command::Render(a) => render::run(a),
+        Command::Converge(a) => converge::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),
         Command::Verify(a) => verify::run(a),

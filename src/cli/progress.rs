@@ -62,3 +62,46 @@ impl Progress for RenderProgress {
         }
     }
 }
+
+/// How much of a budget is spent, and what was found last: a bar on a terminal, a line for each
+/// find elsewhere.
+pub(super) struct LadderProgress {
+    bar: Option<Span>,
+    budget_secs: f64,
+}
+
+impl LadderProgress {
+    /// Starts showing how `budget_secs` of CPU time are spent on `what`.
+    pub(super) fn start(what: &str, budget_secs: f64) -> Self {
+        let bar = report::is_terminal().then(|| {
+            let template = format!("{what} {{wide_bar}} {{percent:>3}} %  {{elapsed}}  {{msg}}");
+            let style = ProgressStyle::with_template(&template)
+                .expect("the template is constant but for a plain word");
+            let span = tracing::info_span!("converge");
+            span.pb_set_style(&style);
+            span.pb_set_length(milliseconds(budget_secs));
+            span.pb_start();
+            span
+        });
+        Self { bar, budget_secs }
+    }
+
+    /// Says that `spent_secs` are spent by now, and what on.
+    pub(super) fn advance(&mut self, spent_secs: f64, found: &str) {
+        if let Some(span) = &self.bar {
+            span.pb_set_position(milliseconds(spent_secs));
+            span.pb_set_message(found);
+        } else {
+            tracing::info!("{spent_secs:.1} of {:.0} CPU s: {found}", self.budget_secs);
+        }
+    }
+}
+
+#[expect(
+    clippy::cast_possible_truncation,
+    clippy::cast_sign_loss,
+    reason = "times are not negative; a saturated bar is full"
+)]
+fn milliseconds(secs: f64) -> u64 {
+    (secs * 1e3) as u64
+}

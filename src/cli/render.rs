@@ -128,7 +128,7 @@ pub(super) fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
         })
 }
 
-fn is_volume(path: &Path) -> bool {
+pub(super) fn is_volume(path: &Path) -> bool {
     path.extension()
         .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
 }
@@ -214,20 +214,20 @@ fn scene_text(file: &SceneFile, args: &RenderArgs) -> String {
 
 /// Times the stages of loading.
 #[derive(Debug, Default)]
-struct Stages {
+pub(super) struct Stages {
     running: Option<(LoadStage, Clock)>,
-    read: Lap,
-    decode: Lap,
-    build: Lap,
+    pub(super) read: Lap,
+    pub(super) decode: Lap,
+    pub(super) build: Lap,
 }
 
 impl Stages {
-    fn enter(&mut self, stage: LoadStage) {
+    pub(super) fn enter(&mut self, stage: LoadStage) {
         self.end();
         self.running = Some((stage, Clock::start()));
     }
 
-    fn end(&mut self) {
+    pub(super) fn end(&mut self) {
         if let Some((stage, mut clock)) = self.running.take() {
             let lap = clock.lap();
             match stage {

@@ -81,7 +81,7 @@ pub(super) fn failure(failure: &Failure) {
             None => error_line(&chain(e)),
         },
         Failure::Vdb(e) => error_line(&chain(e)),
-        Failure::Reported => return,
+        Failure::Reported | Failure::Interrupted => return,
         Failure::Failed(e) => error_line(&chain(e.as_ref())),
     };
     // Nothing can be done about a stderr that is closed.

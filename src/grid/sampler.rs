@@ -68,8 +68,7 @@ impl<'a> Sampler<'a> {
         }
     }
 
-    /// Returns the values at the eight corners of the cell of voxel `lo`, in the order of
-    /// [`CORNERS`].
+    /// Returns the values at the eight corners of the cell of voxel `lo`, in the order of `CORNERS`.
     ///
     /// # Cost
     /// One walk and eight loads inside a brick (two thirds of all cells), eight walks across

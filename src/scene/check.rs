@@ -284,7 +284,7 @@ impl Checked {
         let [width, height] = self.resolution;
         let grid = Arc::clone(&volume.grid);
         let medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
-        // Nothing is drawn at a higher rate: `auto` raises it by 4 at most.
+        // Nothing is drawn at a higher rate: `auto` raises it by 2 at most.
         let tracking = &self.transport.tracking;
         let rate = 4.0 * tracking.rate.max(tracking.flight_rate);
         if !(medium.majorant() * rate).is_finite() {

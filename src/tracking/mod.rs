@@ -3,6 +3,7 @@
 //! * [`collision`]: the one loop that draws free flights over bound segments.
 //! * [`distance`]: closed form, delta, decomposition and regular tracking.
 //! * [`transmittance`]: closed form, exact, ratio, residual ratio, delta, ray marching.
+//! * `power_series`: the debiased exponential of a ray-marched optical depth.
 //! * [`Tracking`]: which of them, by name; [`Survey`]: what `auto` makes of a medium.
 //!
 //! Every estimator is a visitor of the one loop. The bound (which segments a ray is cut into) and
@@ -11,6 +12,7 @@
 
 pub mod collision;
 pub mod distance;
+mod power_series;
 mod settings;
 mod survey;
 pub mod transmittance;

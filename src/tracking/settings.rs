@@ -5,6 +5,7 @@ use std::fmt;
 use serde::{Deserialize, Serialize};
 
 use super::distance::{self, FreeFlight};
+use super::power_series::power_series;
 use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
 use crate::medium::{Medium, Segments};
@@ -72,6 +73,8 @@ named! {
         Ratio = "ratio",
         /// As `Ratio`, after a control has been taken out in closed form.
         ResidualRatio = "residual-ratio",
+        /// The power series of the exponential about a sum over equidistant points.
+        PowerSeries = "power-series",
         /// 1 where delta tracking meets nothing, else 0.
         Delta = "delta",
         /// BIAS: the exponential of a sum over equidistant points; the image is too bright.
@@ -204,6 +207,10 @@ impl Tracking {
                 let hit = delta.sample_collision(medium, ray, t_max, stream, counts);
                 return if hit.is_none() { 1.0 } else { 0.0 };
             }
+            E::PowerSeries => {
+                let ray = medium.ray_over(ray, t_max, self.transmittance_segments());
+                return power_series(ray, self.rate, roulette_weight, stream, counts);
+            }
             E::ApproxRayMarching => {
                 let ray = medium.ray(ray, t_max);
                 return approx_ray_marching(ray, self.march_step, stream, counts);
@@ -214,30 +221,36 @@ impl Tracking {
             residual,
             exact_above,
         };
-        let segments = match self.bounds {
-            _ if exact_above == 0.0 => Segments::Bricks,
-            BoundsKind::Global => Segments::Whole,
-            // The control of a brick is worth more than the steps that larger cells save.
-            BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
-            BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        let segments = if exact_above == 0.0 {
+            Segments::Bricks
+        } else {
+            self.transmittance_segments()
         };
         let ray = medium.ray_over(ray, t_max, segments);
         attenuation.estimate(ray, roulette_weight, stream, counts)
     }
 
+    fn transmittance_segments(&self) -> Segments {
+        match self.bounds {
+            BoundsKind::Global => Segments::Whole,
+            // The control of a brick is worth more than the steps that larger cells save.
+            BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
+            BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        }
+    }
+
     /// Returns these settings with what `auto` picks for the whole of a medium: the rate of the
     /// transmittance, raised where rays meet few collisions.
     ///
-    /// Two collisions a ray are worth their cost, most rays in thick media are not. The rule is
-    /// a fit to measured variance times cost on six volumes at three depths, where it stays within
-    /// 1.2 of the best of all estimators and rates.
+    /// One collision a ray is worth its cost. Measured in frames, against a rate of 1 always:
+    /// twice the rate gains 6 % on a thin smoke and 2 % on a cloud, and four times no more.
     #[must_use]
     pub fn fitted(self, survey: &Survey) -> Self {
         if self.transmittance != TransmittanceEstimator::Auto {
             return self;
         }
         // An empty medium has no collisions, and no use for a rate.
-        let wanted = (2.0 / survey.collisions_per_ray).clamp(1.0, MAX_AUTO_RATE);
+        let wanted = survey.collisions_per_ray.recip().clamp(1.0, MAX_AUTO_RATE);
         Self {
             rate: self.rate * wanted,
             ..self
@@ -246,4 +259,4 @@ impl Tracking {
 }
 
 /// Largest rate that `auto` picks.
-const MAX_AUTO_RATE: f32 = 4.0;
+const MAX_AUTO_RATE: f32 = 2.0;

@@ -38,7 +38,7 @@ impl Survey {
     /// collisions for each unit of the bound.
     ///
     /// # Cost
-    /// A look at each brick's bound and the walks of [`RAYS`] rays: below a millisecond for a
+    /// A look at each brick's bound and the walks of 256 rays: below a millisecond for a
     /// million voxels. Deterministic.
     pub fn new(
         medium: &Medium,

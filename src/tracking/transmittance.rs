@@ -18,13 +18,15 @@
 //! | ratio tracking `[Novak2014]` | 0 | `rate · sigma_maj` | thick media: `M` tight makes the variance larger |
 //! | residual ratio tracking `[Novak2014]` | Novák's, below | `rate · max(sigma_maj − c, c − sigma_min)` | thick and empty by turns: little is left to control |
 //! | delta tracking | – | `rate · sigma_maj` | ever, but as a yardstick: every estimate is 0 or 1, variance `T (1 − T)` |
-//! | ray marching | – | – | BIAS: whenever the answer matters, see [`March`] |
+//! | power series `[Kettunen2021]` | the mean | 2.6 `rate · max(sigma_maj − c, c − sigma_min)` points, not at random | coarse or torn voxels; see `power_series` |
+//! | ray marching | – | – | BIAS: whenever the answer matters, see below |
 //!
 //! The control is `min + r (2^(1 / (D r)) − 1)`, with `r = max − min` of the segment's cell and
 //! `D` its diagonal, but not above the mean. In thin cells it is the mean, in thick ones it tends
 //! to the minimum, which keeps every factor at most 1 where there are many. The middle of the
-//! range would be a disaster: its factors reach 2, the second moment grows as the exponential of
-//! the optical depth, and at a depth of 16 the standard deviation is 10¹⁷ times the answer.
+//! range would be a disaster: its factors reach 2 and the second moment grows as the exponential
+//! of the optical depth. In the smoke of `data/`, at a mean depth of 64, the standard deviation of
+//! an estimate is 17,000 with it and 0.017 with Novák's (`tests/estimator_variance.rs`).
 //!
 //! *Auto* is residual ratio tracking, but exact in segments where collisions would be closer
 //! together than [`EXACT_COLLISIONS_PER_VOXEL`] to a voxel: more work buys nothing there.

@@ -43,7 +43,7 @@ pub(super) fn distance_estimators() -> Vec<Estimator> {
 pub(super) fn transmittance_estimators() -> Vec<Estimator> {
     use TransmittanceEstimator as E;
     let mut all = Vec::new();
-    for transmittance in [E::Ratio, E::ResidualRatio, E::Auto] {
+    for transmittance in [E::Ratio, E::ResidualRatio, E::PowerSeries, E::Auto] {
         let tracking = Tracking {
             transmittance,
             ..Tracking::default()

@@ -514,7 +514,10 @@ pub(super) fn thick(rows: &mut Rows) {
             let name = format!("{name} variance");
             let row = Row::variance(name, expected, weights, &measured.seen);
             rows.push(row.tolerance(1e-3 * expected, "the control's series"));
-        } else if tracking.transmittance != TransmittanceEstimator::Auto {
+        } else if !matches!(
+            tracking.transmittance,
+            TransmittanceEstimator::Auto | TransmittanceEstimator::PowerSeries
+        ) {
             let name = format!("{name} outside of 0 to 1");
             let row = Row::exact(name, 0.0, outside.mean(), &measured.seen);
             rows.push(row.steps_within(STEPS));
