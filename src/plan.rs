@@ -115,6 +115,7 @@ fn add_tracking(
     shadows: bool,
 ) {
     let survey = Survey::new(medium, &tracking);
+    let asked_bounds = tracking.bounds;
     let tracking = tracking.fitted(&survey);
     let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
@@ -151,14 +152,14 @@ fn add_tracking(
         };
         add(&format!("transmittance by {transmittance}"), &why);
     }
-    let (bounds, why) = match tracking.bounds {
-        BoundsKind::Auto => (
-            "the hierarchy",
-            "auto; the largest cell that makes few collisions",
+    let why = match asked_bounds {
+        BoundsKind::Auto => format!(
+            "auto; one bound for all saves {:.1} steps a ray and adds {:.1} collisions",
+            survey.saved_segments, survey.added_collisions
         ),
-        other => (other.name(), "asked for"),
+        _ => "asked for".to_owned(),
     };
-    add(&format!("bounds of {bounds}"), why);
+    add(&format!("bounds: {}", tracking.bounds), &why);
     let auto = tracking.transmittance == TransmittanceEstimator::Auto;
     let met = survey.collisions_per_ray;
     for (rate, what, why) in [

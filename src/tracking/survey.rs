@@ -7,7 +7,7 @@
 use super::distance;
 use super::settings::Tracking;
 use super::transmittance::{self, residual};
-use crate::medium::Medium;
+use crate::medium::{Medium, Segments};
 use crate::sampling::{Stream, StreamKey, sample_cone};
 use crate::space::Ray;
 use glam::DVec3;
@@ -28,6 +28,10 @@ pub struct Survey {
     /// Mean number of collisions of residual ratio tracking, at a rate of 1, on a ray from a
     /// point of the medium, drawn in proportion to density, outwards.
     pub collisions_per_ray: f32,
+    /// Mean, over the same rays, of the segments that one bound for all would save.
+    pub saved_segments: f32,
+    /// Mean of the collisions that it would add, real or not.
+    pub added_collisions: f32,
 }
 
 /// Rays that are walked for the mean number of collisions.
@@ -49,10 +53,8 @@ impl Survey {
         // The mean of |x| + |y| + |z| over directions is 3/2.
         let voxels_per_length = 1.5 / medium.mean_voxel_size();
         let dense = |rate: f32, limit: f64| f64::from(rate) > limit * voxels_per_length;
-        let mut survey = Self {
-            collisions_per_ray: collisions_per_ray(medium),
-            ..Self::default()
-        };
+        let mut survey = Self::default();
+        survey.walk_rays(medium);
         for segment in medium.brick_segments() {
             survey.bricks += 1;
             if segment.is_homogeneous() {
@@ -69,27 +71,40 @@ impl Survey {
         }
         survey
     }
-}
 
-/// Walks rays from the centres of bricks, drawn in proportion to their mean, in all directions.
-#[expect(clippy::cast_possible_truncation, reason = "an estimate")]
-fn collisions_per_ray(medium: &Medium) -> f32 {
-    let mut stream = Stream::new(StreamKey::default());
-    let centres = medium.brick_centres(RAYS);
-    let mut collisions = 0.0;
-    for &origin in &centres {
-        let ray = Ray {
-            origin,
+    /// Walks rays outwards from the centres of bricks, drawn in proportion to their mean, in all
+    /// directions.
+    #[expect(clippy::cast_possible_truncation, reason = "estimates")]
+    fn walk_rays(&mut self, medium: &Medium) {
+        let mut stream = Stream::new(StreamKey::default());
+        let centres = medium.brick_centres(RAYS);
+        let (mut collisions, mut saved, mut added) = (0.0, 0.0, 0.0);
+        for &centre in &centres {
             // The whole sphere.
-            direction: sample_cone(DVec3::Z, 2.0, &mut stream),
-        };
-        let mut walk = medium.ray(&ray, f64::INFINITY);
-        while let Some(segment) = walk.next_segment() {
-            if !segment.is_homogeneous() {
-                let (_, bound) = residual(&segment);
-                collisions += f64::from(bound) * (segment.t1 - segment.t0);
+            let direction = sample_cone(DVec3::Z, 2.0, &mut stream);
+            let outwards = Ray {
+                origin: centre,
+                direction,
+            };
+            let mut walk = medium.ray(&outwards, f64::INFINITY);
+            while let Some(segment) = walk.next_segment() {
+                let length = segment.t1 - segment.t0;
+                saved += 1.0;
+                added -= f64::from(segment.sigma_maj) * length;
+                if !segment.is_homogeneous() {
+                    let (_, bound) = residual(&segment);
+                    collisions += f64::from(bound) * length;
+                }
+            }
+            let mut walk = medium.ray_over(&outwards, f64::INFINITY, Segments::Whole);
+            if let Some(segment) = walk.next_segment() {
+                saved -= 1.0;
+                added += f64::from(segment.sigma_maj) * (segment.t1 - segment.t0);
             }
         }
+        let mean = |sum: f64| (sum / centres.len().max(1) as f64) as f32;
+        self.collisions_per_ray = mean(collisions);
+        self.saved_segments = mean(saved);
+        self.added_collisions = mean(added);
     }
-    (collisions / centres.len().max(1) as f64) as f32
 }
