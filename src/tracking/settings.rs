@@ -240,7 +240,7 @@ impl Tracking {
     /// Returns these settings with what `auto` picks for a whole medium.
     ///
     /// * Bounds: one for all where that saves more steps of the walk than it adds lookups, which
-    ///   cost [`LOOKUP_COST`] times as much; bricks elsewhere. The Disney cloud at a mean depth of
+    ///   cost four times as much; bricks elsewhere. The Disney cloud at a mean depth of
     ///   0.13: 0.12 in place of 0.23 CPU s. Its cost counts in the same way for every ray, so the
     ///   choice is for the volume.
     /// * Rate of the transmittance: raised where rays meet less than one collision, which is worth
