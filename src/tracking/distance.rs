@@ -19,8 +19,8 @@
 //!   and the residual by delta tracking, as published, and taking the nearer gives the same
 //!   distribution and the same number of lookups as one stream of collisions that is thinned in
 //!   two steps; that is what runs.
-//! * *Regular*: a fixed number of steps, whatever the extinction. Not for thin media with large
-//!   voxels counts along a ray: it pays for each voxel whether or not light meets anything.
+//! * *Regular*: a fixed number of steps, whatever the extinction. Not for thin media with many
+//!   voxels along a ray: it pays for each voxel whether or not light meets anything.
 //! * *Auto*: decomposition, but regular tracking in each segment where collisions would be closer
 //!   together than [`EXACT_COLLISIONS_PER_VOXEL`] to a voxel. That bounds the number of steps of
 //!   a ray by the number of voxels along it, whatever the file says.

@@ -1,8 +1,10 @@
-//! What `auto` will do in a medium: the share of its bricks that each method gets.
+//! What `auto` needs to know of a medium as a whole, and what it will do in its bricks.
 //!
-//! For people: `majorant render --explain` prints it. The choice itself is made ray by ray and
-//! segment by segment with the same limits; here every brick stands for a ray that crosses it in
-//! a typical direction, of three voxel cells for two voxel lengths.
+//! A walk of some rays tells how many collisions and steps they meet: bounds and rate are chosen
+//! by that ([`Tracking::fitted`]). The shares of bricks are for people: `majorant render --explain`
+//! prints them. The choice of methods is made ray by ray and segment by segment, with the same
+//! limits; here every brick stands for a ray that crosses it in a typical direction, of three
+//! voxel cells for two voxel lengths.
 
 use super::distance;
 use super::settings::Tracking;
@@ -12,7 +14,7 @@ use crate::sampling::{Stream, StreamKey, sample_cone};
 use crate::space::Ray;
 use glam::DVec3;
 
-/// Numbers of bricks that are not empty, by how `auto` treats them.
+/// Numbers of bricks that are not empty, by how `auto` treats them, and what rays meet.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Survey {
     /// All of them.
@@ -42,8 +44,7 @@ impl Survey {
     /// collisions for each unit of the bound.
     ///
     /// # Cost
-    /// A look at each brick's bound and the walks of 256 rays: below a millisecond for a
-    /// million voxels. Deterministic.
+    /// A look at each brick's bound and the walks of 256 rays. Deterministic.
     pub fn new(
         medium: &Medium,
         Tracking {
