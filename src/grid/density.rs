@@ -8,12 +8,15 @@ use super::directory::Directory;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
 use super::tree::{LOWER_LEN, LOWER_LOG2, Tree, slot_origin};
+use super::values::Values;
 use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 
 /// Density values with conservative bounds, placed in the world.
 #[derive(Debug)]
 pub struct DensityGrid {
+    /// Nodes and tiles; the values of its bricks are in `values`.
     pub(super) tree: Tree<f32>,
+    pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
     transform: IndexTransform,
@@ -47,8 +50,10 @@ impl DensityGrid {
         })?;
         let bounds = Bounds::new(&tree);
         let directory = Directory::new(&tree, &bounds);
+        let values = Values::from_f32(std::mem::take(&mut tree.values));
         Ok(Self {
             tree,
+            values,
             bounds,
             directory,
             transform,
@@ -179,6 +184,9 @@ impl DensityGrid {
 
     /// Returns the bytes that values, nodes and bounds occupy.
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.bounds.memory_bytes() + self.directory.memory_bytes()
+        self.tree.memory_bytes()
+            + self.values.memory_bytes()
+            + self.bounds.memory_bytes()
+            + self.directory.memory_bytes()
     }
 }

@@ -3,6 +3,7 @@
 //! * [`brick`]: the 8³ storage unit, its byte layout and filter footprint.
 //! * [`tree`]: root → upper (32³) → lower (16³) → bricks, and the builder.
 //! * [`bounds`]: conservative minimum, maximum and mean of every cell.
+//! * [`Values`]: the voxel values of all bricks, as rendering reads them.
 //! * [`sampler`]: trilinear lookups with eight taps, and stochastic ones with one.
 //! * [`traverse`]: a ray's gap-free intervals with their bounds.
 //! * [`VoxelWalk`], [`Cubic`]: the exact value along a ray, voxel cell by voxel cell.
@@ -21,6 +22,7 @@ mod directory;
 pub mod sampler;
 pub mod traverse;
 pub mod tree;
+mod values;
 
 pub use bounds::Bound;
 pub use brick::Voxel;
@@ -30,3 +32,4 @@ pub use density::{DensityGrid, GridTooLarge};
 pub use sampler::Sampler;
 pub use traverse::{Cells, Segment, Traversal};
 pub use tree::{Tile, Tree, TreeBuilder};
+pub use values::Values;
