@@ -26,6 +26,7 @@ use super::tree::{
     LOWER_LEN, LOWER_LOG2, LOWER_TOTAL_LOG2, Slot, Tree, UPPER_LEN, UPPER_LOG2, UPPER_TOTAL_LOG2,
     lower_slot, slot_origin, upper_slot,
 };
+use super::values::{Values, Voxels};
 
 // One layer of the upper neighbours completes a brick's own values to what its filter reads.
 const _: () = assert!(
@@ -105,7 +106,7 @@ enum Cell {
 }
 
 /// Returns what holds voxel `p`, at cells of edge `2^log2` or larger.
-fn cell_at(tree: &Tree<f32>, p: IVec3, log2: u32) -> Cell {
+fn cell_at(tree: Voxels<'_>, p: IVec3, log2: u32) -> Cell {
     let u = match tree.root_slot(p).get() {
         Err(tile) => return Cell::Tile(tile),
         Ok(u) if log2 == UPPER_TOTAL_LOG2 => return Cell::Upper(u),
@@ -134,11 +135,11 @@ fn layer(side: IVec3, log2: u32) -> impl Iterator<Item = usize> {
 }
 
 /// Visits all values in the layer of a cell that faces `side`.
-fn for_each_in_layer(tree: &Tree<f32>, cell: Cell, side: IVec3, visit: &mut dyn FnMut(f32)) {
+fn for_each_in_layer(tree: Voxels<'_>, cell: Cell, side: IVec3, visit: &mut dyn FnMut(f32)) {
     let of = |slot: Slot, child: fn(usize) -> Cell| slot.get().map_or_else(Cell::Tile, child);
     match cell {
         Cell::Tile(t) => visit(tree.tiles[t].value),
-        Cell::Brick(b) => layer(side, BRICK_LOG2).for_each(|i| visit(tree.brick(b)[i])),
+        Cell::Brick(b) => layer(side, BRICK_LOG2).for_each(|i| visit(tree.values.get(b, i))),
         Cell::Lower(l) => layer(side, LOWER_LOG2).for_each(|i| {
             let cell = of(tree.lower[l * LOWER_LEN + i], Cell::Brick);
             for_each_in_layer(tree, cell, side, visit);
@@ -156,7 +157,7 @@ struct Halo {
     lower: BTreeSet<[i32; 3]>,
 }
 
-fn find_halo(tree: &Tree<f32>) -> Halo {
+fn find_halo(tree: Voxels<'_>) -> Halo {
     let mut halo = Halo {
         upper: BTreeSet::new(),
         lower: BTreeSet::new(),
@@ -228,9 +229,14 @@ const LOWER_BYTES: usize = LOWER_LEN * (size_of::<Slot>() + size_of::<Bound>());
 ///
 /// Returns the bytes that tree and bounds would take if that is more than `max_bytes`, and
 /// leaves the tree as it is. At most seven nodes are made for each that exists.
-pub(super) fn add_halo(tree: &mut Tree<f32>, max_bytes: usize) -> Result<(), usize> {
-    let halo = find_halo(tree);
+pub(super) fn add_halo(
+    tree: &mut Tree<f32>,
+    values: &Values,
+    max_bytes: usize,
+) -> Result<(), usize> {
+    let halo = find_halo(Voxels { tree, values });
     let bytes = tree.memory_bytes()
+        + values.memory_bytes()
         + (tree.upper.len() + tree.lower.len()) * size_of::<Bound>()
         + halo.upper.len() * UPPER_BYTES
         + halo.lower.len() * LOWER_BYTES;
@@ -255,7 +261,7 @@ impl Bounds {
     ///
     /// # Cost
     /// Reads every value once and 217 neighbours for each brick; parallel over nodes.
-    pub(super) fn new(tree: &Tree<f32>) -> Self {
+    pub(super) fn new(tree: Voxels<'_>) -> Self {
         let lower: Vec<Bound> = tree
             .lower_origins
             .par_iter()
@@ -339,7 +345,7 @@ impl Bounds {
         }
     }
 
-    fn find_occupied(&self, tree: &Tree<f32>) -> Option<(IVec3, IVec3)> {
+    fn find_occupied(&self, tree: Voxels<'_>) -> Option<(IVec3, IVec3)> {
         let (mut lo, mut hi) = (IVec3::MAX, IVec3::MIN);
         let mut include = |origin: IVec3, log2: u32| {
             let first = origin >> BRICK_LOG2;
@@ -389,13 +395,13 @@ fn is_surrounded(slots: &[Slot], s: usize, log2: u32) -> bool {
 
 /// Returns the bound of the cell of edge `2^log2` at `o` that holds a brick or a tile: its own
 /// values and the first layer of its seven upper neighbours.
-fn cell_bound(tree: &Tree<f32>, o: IVec3, log2: u32, cell: Cell) -> Bound {
+fn cell_bound(tree: Voxels<'_>, o: IVec3, log2: u32, cell: Cell) -> Bound {
     let mut bound = match cell {
         Cell::Brick(b) => {
-            let values = tree.brick(b);
+            let values = tree.values.brick(b);
             let mut bound = Bound::constant(values[0]);
             let mut sum = 0.0_f64;
-            for &v in values {
+            for v in values {
                 bound.include(v);
                 sum += f64::from(v);
             }
