@@ -9,7 +9,6 @@ use std::path::Path;
 
 use glam::{DVec3, IVec3};
 use majorant::cache::{self, CacheError, CacheFile, Checksum, Contents, Source, is_cache};
-use majorant::grid::brick::BRICK_LEN;
 use majorant::grid::{Encoding, TreeBuilder};
 use majorant::space::IndexTransform;
 use rand_core::{Rng as _, SeedableRng as _};
@@ -195,17 +194,16 @@ fn mutants_are_an_answer_or_a_clean_error() {
             }
             fs::write(&path, &bytes).expect("room");
             match try_out(&path) {
+                // A zero may have been set to zero.
+                Ok(_) if bytes == good => {}
                 Ok(_) => answers[usize::from(sealed)] += 1,
                 Err(_) => errors[usize::from(sealed)] += 1,
             }
         }
     }
-    // Unsealed damage outside of the payload is always found; sealed damage to a name, a bound or
-    // a slot may leave a right file.
-    assert!(
-        answers[0] <= 20,
-        "{answers:?} got through, {errors:?} did not"
-    );
+    // Unsealed damage, none of it to the payload, is always found; sealed damage to a name, a bound
+    // or a slot may leave a right file.
+    assert_eq!(answers[0], 0, "{answers:?} got through, {errors:?} did not");
     assert!(
         answers[1] > 100,
         "{answers:?}: seals are wrong, nothing was tried"
