@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, IVec3};
+use majorant::grid::StorageKind;
 use majorant::integrator::IntegratorKind;
 use majorant::scene::MAX_RESOLUTION;
 use majorant::scene::default_look::UpAxis;
@@ -134,6 +135,9 @@ pub(super) struct RenderArgs {
     /// Density grid to render, by name
     #[arg(long, value_name = "NAME")]
     pub(super) grid: Option<String>,
+    /// Values in memory: auto, lossless, f32, f16, u16 or u8
+    #[arg(long, value_name = "NAME", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
+    pub(super) encoding: Option<StorageKind>,
     /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
     #[arg(long, value_enum)]
     pub(super) up: Option<UpArg>,

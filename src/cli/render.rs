@@ -143,11 +143,14 @@ fn default_scene(
     let (index, why) = default_look::choose_grid(&archive, args.grid.as_deref())?;
     let info = &archive.grids()[index];
     tracing::info!("rendering grid {:?}: {why}", info.address);
-    let volume = LoadedVolume::decode(&archive, index, options, &mut |s| stages.enter(s))?;
     let wishes = Wishes {
         resolution: args.resolution,
         up: args.up.map(Into::into),
+        encoding: args.encoding,
     };
+    let storage = wishes.storage();
+    let volume =
+        LoadedVolume::decode(&archive, index, options, &storage, &mut |s| stages.enter(s))?;
     let file = default_look::describe(&volume, info, &why, wishes)?;
     Ok((file, volume))
 }
@@ -196,6 +199,11 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
     if let Some(grid) = &args.grid {
         for volume in &mut desc.volume {
             volume.get_mut().density.grid = unplaced(grid.clone());
+        }
+    }
+    if let Some(kind) = args.encoding {
+        for volume in &mut desc.volume {
+            volume.get_mut().encoding = unplaced(kind);
         }
     }
     file

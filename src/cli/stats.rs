@@ -97,6 +97,10 @@ pub(super) struct GridStats {
     pub(super) active_voxels: Option<u64>,
     pub(super) bricks: usize,
     pub(super) bytes: usize,
+    /// How values are stored.
+    pub(super) encoding: &'static str,
+    /// Upper bounds of the error in optical depth of any ray: RMS, and the largest.
+    pub(super) depth_error: [f64; 2],
 }
 
 impl GridStats {
@@ -107,6 +111,8 @@ impl GridStats {
             active_voxels: volume.active_voxel_count,
             bricks: volume.brick_count,
             bytes: volume.grid.memory_bytes(),
+            encoding: volume.stored.encoding.name(),
+            depth_error: [volume.stored.error.rms, volume.stored.error.worst],
         }
     }
 }
@@ -156,7 +162,7 @@ impl Stats {
             image_mean: [0.0; 3],
             image_standard_error: [0.0; 3],
             grid: GridStats::new(volume),
-            plan: majorant::plan::plan(scene, &volume.unused_grids),
+            plan: majorant::plan::plan(scene, volume),
         }
     }
 }

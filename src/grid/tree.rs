@@ -257,6 +257,18 @@ impl<V: Voxel> Tree<V> {
         self.active = Vec::new();
     }
 
+    /// Forgets where each brick lies, which slots know.
+    pub(super) fn drop_origins(&mut self) {
+        self.brick_origins = Vec::new();
+    }
+
+    /// Forgets everything above lower nodes: all that is asked of the tree reads as background.
+    pub(super) fn drop_upper(&mut self) {
+        self.root = Vec::new();
+        self.upper = Vec::new();
+        self.upper_origins = Vec::new();
+    }
+
     /// Returns the bytes that the arrays occupy.
     pub fn memory_bytes(&self) -> usize {
         let Self {

@@ -17,6 +17,7 @@ use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
 use crate::camera::Camera;
+use crate::grid::Storage;
 use crate::integrator::TransportSettings;
 use crate::light::Lights;
 use crate::medium::Medium;
@@ -55,6 +56,7 @@ struct CheckedVolume {
     sigma_t_per_density: f32,
     albedo: Rgb,
     phase: Phase,
+    storage: Storage,
 }
 
 impl SceneFile {
@@ -173,6 +175,8 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         density,
         albedo,
         phase,
+        encoding,
+        storage_error,
     } = volume;
     let scale = number(source, "scale", &density.scale)?;
     let sigma_t_per_density = non_negative_f32(scale).ok_or_else(|| {
@@ -183,6 +187,12 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         let message = format!("albedo is {:?}", albedo.get_ref());
         return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
     }
+    let max_error = number(source, "storage_error", storage_error)?;
+    if max_error < 0.0 {
+        let message = format!("storage_error is {max_error}");
+        let expected = "an optical depth, 0 or more";
+        return Err(source.error(storage_error.span(), message, expected));
+    }
     Ok(CheckedVolume {
         file: file.clone(),
         path: source.folder().join(file.get_ref()),
@@ -191,6 +201,11 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         sigma_t_per_density,
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
+        storage: Storage {
+            kind: *encoding.get_ref(),
+            max_error,
+            sigma_t_per_density: Some(sigma_t_per_density),
+        },
     })
 }
 
@@ -246,7 +261,11 @@ impl Checked {
         on_stage: &mut dyn FnMut(LoadStage),
     ) -> Result<LoadedVolume, SceneError> {
         let CheckedVolume {
-            file, path, grid, ..
+            file,
+            path,
+            grid,
+            storage,
+            ..
         } = &self.volume;
         let at = |span: Range<usize>, source: VdbError| {
             let place = DescriptionError {
@@ -263,7 +282,7 @@ impl Checked {
         let index = archive
             .find(grid.get_ref())
             .map_err(|e| at(place(grid, file), e))?;
-        LoadedVolume::decode(&archive, index, options, on_stage).map_err(|e| match e {
+        LoadedVolume::decode(&archive, index, options, storage, on_stage).map_err(|e| match e {
             SceneError::Volume { source, .. } => at(place(grid, file), source),
             other => other,
         })

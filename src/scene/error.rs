@@ -4,7 +4,7 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use crate::grid::GridTooLarge;
+use crate::grid::{GridTooLarge, TooLargeForHalf};
 use crate::vdb::VdbError;
 
 /// A scene that cannot be rendered.
@@ -39,6 +39,16 @@ pub enum SceneError {
         grid: String,
         /// How much it needs.
         source: GridTooLarge,
+    },
+    /// The grid does not fit into the encoding that was asked for.
+    #[error("{}: grid {grid:?}: {source}; use encoding = \"auto\"", path.display())]
+    TooLargeForHalf {
+        /// The volume file.
+        path: PathBuf,
+        /// The grid.
+        grid: String,
+        /// The value that does not fit.
+        source: TooLargeForHalf,
     },
     /// A bare volume file holds nothing that looks like a density.
     #[error("{}: no grid looks like a density: {found}", path.display())]
@@ -83,7 +93,10 @@ impl SceneError {
         match self {
             Self::Description(at) => Some(at),
             Self::Volume { at, .. } => at.as_deref(),
-            Self::Read { .. } | Self::TooLarge { .. } | Self::NoDensity { .. } => None,
+            Self::Read { .. }
+            | Self::TooLarge { .. }
+            | Self::TooLargeForHalf { .. }
+            | Self::NoDensity { .. } => None,
         }
     }
 }

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use super::SceneError;
-use crate::grid::DensityGrid;
+use crate::grid::{DensityGrid, Storage, Stored};
 use crate::vdb::{Archive, DensityData, LoadReport};
 
 pub use crate::vdb::LoadOptions;
@@ -35,19 +35,24 @@ pub struct LoadedVolume {
     pub unused_grids: Vec<String>,
     /// Bricks of 8³ voxels.
     pub brick_count: usize,
+    /// How values are stored, and why.
+    pub stored: Stored,
     /// What was changed while loading.
     pub report: LoadReport,
 }
 
 impl LoadedVolume {
-    /// Decodes grid `index` of `archive`; `on_stage` hears of decoding and building.
+    /// Decodes grid `index` of `archive`, to be kept as `storage` says; `on_stage` hears of
+    /// decoding and building.
     ///
     /// # Errors
-    /// If the grid's type cannot be rendered, it needs too much memory, or it is damaged.
+    /// If the grid's type cannot be rendered, it needs too much memory, it is damaged, or the
+    /// encoding asked for cannot hold it.
     pub fn decode(
         archive: &Archive,
         index: usize,
         options: &LoadOptions,
+        storage: &Storage,
         on_stage: &mut dyn FnMut(LoadStage),
     ) -> Result<Self, SceneError> {
         on_stage(LoadStage::Decode);
@@ -63,12 +68,19 @@ impl LoadedVolume {
         let brick_count = tree.brick_count();
         let info = &archive.grids()[index];
         let max_bytes = usize::try_from(options.max_memory_bytes).unwrap_or(usize::MAX);
-        let grid = DensityGrid::new(tree, transform, max_bytes).map_err(|source| {
-            SceneError::TooLarge {
-                path: archive.path().to_owned(),
-                grid: info.address.clone(),
-                source,
-            }
+        let stored =
+            storage
+                .choose(&tree, &transform)
+                .map_err(|source| SceneError::TooLargeForHalf {
+                    path: archive.path().to_owned(),
+                    grid: info.address.clone(),
+                    source,
+                })?;
+        let grid = DensityGrid::encoded(tree, transform, stored.encoding, max_bytes);
+        let grid = grid.map_err(|source| SceneError::TooLarge {
+            path: archive.path().to_owned(),
+            grid: info.address.clone(),
+            source,
         })?;
         Ok(Self {
             grid: Arc::new(grid),
@@ -82,6 +94,7 @@ impl LoadedVolume {
                 .collect(),
             active_voxel_count: info.active_voxel_count,
             brick_count,
+            stored,
             report,
         })
     }
