@@ -70,7 +70,7 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
         let encoding = volume.stored.encoding;
         add(
             &format!("values stored as {encoding}"),
-            &volume.stored.to_string(),
+            &volume.stored.explain(medium.sigma_t_per_density()),
         );
         let shadows = transport.integrator == IntegratorKind::Path && !lights.distant.is_empty();
         add_tracking(&mut add, medium, transport.tracking, shadows);

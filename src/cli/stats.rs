@@ -4,6 +4,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
+use majorant::grid::DepthError;
+use majorant::medium::Medium;
 use majorant::plan::PlanLine;
 use majorant::scene::{LoadedVolume, Scene};
 use majorant::stats::Counts;
@@ -104,7 +106,12 @@ pub(super) struct GridStats {
 }
 
 impl GridStats {
-    pub(super) fn new(volume: &LoadedVolume) -> Self {
+    pub(super) fn new(volume: &LoadedVolume, scene: &Scene) -> Self {
+        let sigma_t = scene
+            .medium
+            .as_ref()
+            .map_or(0.0, Medium::sigma_t_per_density);
+        let DepthError { rms, worst } = volume.stored.error.scaled(sigma_t);
         Self {
             file: volume.path.display().to_string(),
             name: volume.name.clone(),
@@ -112,7 +119,7 @@ impl GridStats {
             bricks: volume.brick_count,
             bytes: volume.grid.memory_bytes(),
             encoding: volume.stored.encoding.name(),
-            depth_error: [volume.stored.error.rms, volume.stored.error.worst],
+            depth_error: [rms, worst],
         }
     }
 }
@@ -161,7 +168,7 @@ impl Stats {
             },
             image_mean: [0.0; 3],
             image_standard_error: [0.0; 3],
-            grid: GridStats::new(volume),
+            grid: GridStats::new(volume, scene),
             plan: majorant::plan::plan(scene, volume),
         }
     }

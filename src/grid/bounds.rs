@@ -49,7 +49,7 @@ impl Bound {
     /// Nothing there.
     pub const EMPTY: Self = Self::constant(0.0);
 
-    const fn constant(value: f32) -> Self {
+    pub(super) const fn constant(value: f32) -> Self {
         Self {
             min: value,
             max: value,
@@ -317,6 +317,16 @@ impl Bounds {
                 Err(t) => cell_bound(tree, cell.origin, UPPER_TOTAL_LOG2, Cell::Tile(t)),
             })
             .collect();
+        Self::from_cells(tree.tree, root, upper, lower)
+    }
+
+    /// Takes the bounds of all cells of `tree` and sums them up.
+    pub(super) fn from_cells(
+        tree: &Tree<f32>,
+        root: Vec<Bound>,
+        upper: Vec<Bound>,
+        lower: Vec<Bound>,
+    ) -> Self {
         let empty = lower
             .par_chunks(LOWER_LEN)
             .flat_map_iter(empty_blocks)
@@ -356,7 +366,7 @@ impl Bounds {
         }
     }
 
-    fn find_occupied(&self, tree: Voxels<'_>) -> Option<(IVec3, IVec3)> {
+    fn find_occupied(&self, tree: &Tree<f32>) -> Option<(IVec3, IVec3)> {
         let (mut lo, mut hi) = (IVec3::MAX, IVec3::MIN);
         let mut include = |origin: IVec3, log2: u32| {
             let first = origin >> BRICK_LOG2;

@@ -69,16 +69,16 @@ impl DensityGrid {
             return Err(too_large(bytes));
         }
         let values = Values::encode(values, encoding).map_err(|_refused| too_large(bytes))?;
-        Self::with_values(tree, values, transform, max_bytes)
+        let (tree, values, bounds) = Self::prepare(tree, values, max_bytes)?;
+        Ok(Self::from_parts(tree, values, bounds, transform))
     }
 
-    /// Computes the bounds of a tree whose bricks' values are apart from it.
-    pub(super) fn with_values(
+    /// Completes a tree, whose bricks' values are apart from it, by its halo and its bounds.
+    pub(super) fn prepare(
         mut tree: Tree<f32>,
         values: Values,
-        transform: IndexTransform,
         max_bytes: usize,
-    ) -> Result<Self, GridTooLarge> {
+    ) -> Result<(Tree<f32>, Values, Bounds), GridTooLarge> {
         add_halo(&mut tree, &values, max_bytes).map_err(|needed| GridTooLarge {
             needed,
             limit: max_bytes,
@@ -87,7 +87,7 @@ impl DensityGrid {
             tree: &tree,
             values: &values,
         });
-        Ok(Self::from_parts(tree, values, bounds, transform))
+        Ok((tree, values, bounds))
     }
 
     /// Puts a tree, its values and its bounds together.
@@ -239,6 +239,12 @@ impl DensityGrid {
     /// Returns the number of bricks.
     pub fn brick_count(&self) -> usize {
         self.values.brick_count()
+    }
+
+    /// Returns the bytes of [`memory_bytes`](Self::memory_bytes) that a grid mapped from a cache
+    /// file holds in memory always.
+    pub fn resident_bytes(&self) -> usize {
+        self.memory_bytes() - self.values.payload_bytes()
     }
 
     /// Returns the bytes that values, nodes and bounds occupy.

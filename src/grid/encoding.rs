@@ -22,6 +22,7 @@
 
 use std::collections::BTreeMap;
 
+use glam::IVec3;
 use half::f16;
 use rayon::prelude::*;
 
@@ -29,7 +30,6 @@ use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
 use super::tree::Tree;
 use super::values::extremes;
 use crate::space::IndexTransform;
-use glam::DVec3;
 
 /// How the values of bricks are stored.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -190,13 +190,11 @@ impl Storage {
         tree: &Tree<f32>,
         transform: &IndexTransform,
     ) -> Result<Stored, TooLargeForHalf> {
-        let layers = Layers::new(tree, transform, self.sigma_t_per_density);
-        let error = |e: Encoding| layers.error(e);
+        let layers = Layers::of_tree(tree, transform);
         let stored = |encoding: Encoding, reason: Reason| Stored {
             encoding,
             reason,
-            error: error(encoding),
-            u8_error: error(Encoding::U8),
+            error: layers.error(encoding),
         };
         if self.kind == StorageKind::F16 && layers.max > f16::MAX.to_f32() {
             return Err(TooLargeForHalf { max: layers.max });
@@ -207,16 +205,15 @@ impl Storage {
         if layers.is_half {
             return Ok(stored(Encoding::F16, Reason::Exact));
         }
-        let budget = match (self.kind, self.sigma_t_per_density) {
-            (StorageKind::Auto, Some(_)) => self.max_error,
-            _ => return Ok(stored(Encoding::F32, Reason::Exact)),
+        let (StorageKind::Auto, Some(sigma_t)) = (self.kind, self.sigma_t_per_density) else {
+            return Ok(stored(Encoding::F32, Reason::Exact));
         };
-        let fits = |e: Encoding, budget: f64| error(e).rms <= budget;
-        let reason = Reason::WithinBudget(budget);
+        let budget = self.max_error;
+        let fits = |e: Encoding, budget: f64| layers.error(e).scaled(sigma_t).rms <= budget;
         Ok(if fits(Encoding::U8, budget * Self::MARGIN) {
-            stored(Encoding::U8, reason)
+            stored(Encoding::U8, Reason::WithinBudget(budget))
         } else if fits(Encoding::U16, budget) {
-            stored(Encoding::U16, reason)
+            stored(Encoding::U16, Reason::WithinBudget(budget))
         } else {
             stored(Encoding::F32, Reason::BudgetTooSmall(budget))
         })
@@ -244,6 +241,8 @@ pub enum Reason {
     BudgetTooSmall(f64),
     /// A cache file holds it.
     Cached,
+    /// A cache file holds it, and it is not within this budget.
+    CachedOverBudget(f64),
 }
 
 /// How values are stored, and why.
@@ -253,10 +252,34 @@ pub struct Stored {
     pub encoding: Encoding,
     /// Why this one.
     pub reason: Reason,
-    /// What it costs.
+    /// What it costs, where a density of one has extinction 1.
     pub error: DepthError,
-    /// What eight bits would cost.
-    pub u8_error: DepthError,
+}
+
+impl Stored {
+    /// Says why, and what it costs where a density of one has this extinction.
+    pub fn explain(&self, sigma_t_per_density: f32) -> String {
+        let why = match self.reason {
+            Reason::Asked => "asked for".to_owned(),
+            Reason::Exact => return "the smallest encoding that loses nothing".to_owned(),
+            Reason::WithinBudget(budget) => {
+                format!("auto, the smallest within storage_error = {budget:e}")
+            }
+            Reason::BudgetTooSmall(budget) => {
+                return format!("auto, nothing smaller is within storage_error = {budget:e}");
+            }
+            Reason::Cached => "as in the cache file".to_owned(),
+            Reason::CachedOverBudget(budget) => {
+                format!("as in the cache file, MORE THAN storage_error = {budget:e}")
+            }
+        };
+        let DepthError { rms, worst } = self.error.scaled(sigma_t_per_density);
+        // Zero: exact.
+        if rms == 0.0 {
+            return format!("{why}; exact");
+        }
+        format!("{why}; optical depths are off by at most {rms:.1e} RMS, {worst:.1e} at worst")
+    }
 }
 
 /// Upper bounds of the error in optical depth of any ray.
@@ -268,42 +291,21 @@ pub struct DepthError {
     pub worst: f64,
 }
 
-impl std::fmt::Display for Stored {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        match self.reason {
-            Reason::Asked => f.write_str("asked for")?,
-            Reason::Exact => return f.write_str("the smallest encoding that loses nothing"),
-            Reason::WithinBudget(budget) => write!(f, "auto, within storage_error = {budget:e}")?,
-            Reason::BudgetTooSmall(budget) => {
-                let u8_rms = self.u8_error.rms;
-                return write!(
-                    f,
-                    "auto; u8 would be off by {u8_rms:.1e}, and u16 by {:.1e}, more than \
-                     storage_error = {budget:e}",
-                    u8_rms * 255.0 / 65535.0
-                );
-            }
-            Reason::Cached => return f.write_str("as in the cache file"),
+impl DepthError {
+    /// Returns the error where a density of one has this extinction.
+    #[must_use]
+    pub fn scaled(self, sigma_t_per_density: f32) -> Self {
+        let scale = f64::from(sigma_t_per_density);
+        Self {
+            rms: self.rms * scale,
+            worst: self.worst * scale,
         }
-        let DepthError { rms, worst } = self.error;
-        // Zero: exact.
-        if rms == 0.0 {
-            return f.write_str("; exact");
-        }
-        write!(
-            f,
-            "; optical depths are off by {rms:.1e} at most, RMS, and never by more than {worst:.1e}"
-        )?;
-        if self.encoding != Encoding::U8 {
-            write!(f, "; u8 would be off by {:.1e}", self.u8_error.rms)?;
-        }
-        Ok(())
     }
 }
 
 /// What matters of a brick's values.
 #[derive(Clone, Copy, Debug)]
-struct BrickSpan {
+pub(crate) struct BrickSpan {
     min: f32,
     max: f32,
     /// Whether all are halves.
@@ -311,7 +313,7 @@ struct BrickSpan {
 }
 
 impl BrickSpan {
-    fn new(values: &[f32]) -> Self {
+    pub(crate) fn new(values: &[f32]) -> Self {
         let (min, max) = extremes(values);
         // Halves have 13 bits less of mantissa; the range is checked with the exact conversion,
         // which takes ten times as long, for what passes this.
@@ -325,40 +327,34 @@ impl BrickSpan {
 }
 
 /// The largest steps of each layer of bricks, along each axis. Tiles are always exact.
-struct Layers {
+pub(crate) struct Layers {
     /// For each axis, by the layer's coordinate: the largest steps of U8 and F16.
     steps: [BTreeMap<i32, [f64; 2]>; 3],
-    /// Optical depth of a density of one along the longest diagonal of a voxel.
-    depth: f64,
+    /// World length of the longest diagonal of a voxel.
+    diagonal: f64,
     max: f32,
     is_half: bool,
 }
 
 impl Layers {
-    fn new(tree: &Tree<f32>, transform: &IndexTransform, sigma_t: Option<f32>) -> Self {
-        let spans: Vec<_> = (0..tree.brick_count())
-            .into_par_iter()
-            .with_min_len(64)
-            .map(|b| BrickSpan::new(tree.brick(b)))
-            .collect();
+    pub(crate) fn new<'a>(
+        bricks: impl Iterator<Item = (&'a BrickSpan, IVec3)>,
+        transform: &IndexTransform,
+    ) -> Self {
         let m = transform.world_from_index().matrix3;
         let signs = [(1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)];
-        let diagonal = |(a, b): (f64, f64)| {
-            let d: DVec3 = m.x_axis + m.y_axis * a + m.z_axis * b;
-            d.length()
-        };
-        let longest = signs.map(diagonal).into_iter().fold(0.0, f64::max);
+        let diagonals = signs.map(|(a, b)| (m.x_axis + m.y_axis * a + m.z_axis * b).length());
         let mut layers = Self {
             steps: [BTreeMap::new(), BTreeMap::new(), BTreeMap::new()],
-            depth: longest * f64::from(sigma_t.unwrap_or(0.0)),
+            diagonal: diagonals.into_iter().fold(0.0, f64::max),
             max: 0.0,
             is_half: true,
         };
-        for (span, origin) in spans.iter().zip(tree.brick_origins()) {
+        for (span, origin) in bricks {
             layers.max = layers.max.max(span.max);
             layers.is_half &= span.is_half;
             let steps = [Encoding::U8.step(span), Encoding::F16.step(span)];
-            let layer = (*origin >> BRICK_LOG2).to_array();
+            let layer = (origin >> BRICK_LOG2).to_array();
             for (of_axis, layer) in layers.steps.iter_mut().zip(layer) {
                 let most = of_axis.entry(layer).or_default();
                 *most = [most[0].max(steps[0]), most[1].max(steps[1])];
@@ -367,8 +363,19 @@ impl Layers {
         layers
     }
 
-    /// Returns the error that the module's documentation derives.
-    fn error(&self, encoding: Encoding) -> DepthError {
+    fn of_tree(tree: &Tree<f32>, transform: &IndexTransform) -> Self {
+        let spans: Vec<_> = (0..tree.brick_count())
+            .into_par_iter()
+            .with_min_len(64)
+            .map(|b| BrickSpan::new(tree.brick(b)))
+            .collect();
+        let origins = tree.brick_origins().iter().copied();
+        Self::new(spans.iter().zip(origins), transform)
+    }
+
+    /// Returns the error that the module's documentation derives, where a density of one has
+    /// extinction 1.
+    pub(crate) fn error(&self, encoding: Encoding) -> DepthError {
         let step = |[u8_step, f16_step]: &[f64; 2]| match encoding {
             Encoding::F32 => 0.0,
             Encoding::F16 => *f16_step,
@@ -383,9 +390,9 @@ impl Layers {
                 sum += q;
                 squares += q * q;
             }
-            let rms = self.depth * (voxels * squares / 12.0).sqrt();
+            let rms = self.diagonal * (voxels * squares / 12.0).sqrt();
             error.rms = error.rms.max(rms);
-            error.worst = error.worst.max(self.depth * voxels * sum / 2.0);
+            error.worst = error.worst.max(self.diagonal * voxels * sum / 2.0);
         }
         error
     }
@@ -394,7 +401,6 @@ impl Layers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use glam::IVec3;
 
     fn tree(value: impl Fn(IVec3) -> f32) -> Tree<f32> {
         let voxels = (0..32 * 32 * 32).map(|i| IVec3::new(i / 1024, i / 32 % 32, i % 32));

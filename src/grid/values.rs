@@ -162,9 +162,19 @@ impl Values {
         self.encoding
     }
 
+    /// Returns the ranges of the bricks, if the encoding has them.
+    pub(super) fn ranges(&self) -> &[Range] {
+        &self.ranges
+    }
+
     /// Returns the number of bricks.
     pub fn brick_count(&self) -> usize {
         self.bytes.len() / self.encoding.brick_bytes()
+    }
+
+    /// Returns the bytes of the codes.
+    pub fn payload_bytes(&self) -> usize {
+        self.bytes.len()
     }
 
     /// Returns the bytes that the values occupy; of a mapped file, when all of it is in memory.

@@ -16,8 +16,9 @@ use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
+use crate::cache::is_cache;
 use crate::camera::Camera;
-use crate::grid::Storage;
+use crate::grid::{Reason, Storage, StorageKind, Stored};
 use crate::integrator::TransportSettings;
 use crate::light::Lights;
 use crate::medium::Medium;
@@ -57,6 +58,7 @@ struct CheckedVolume {
     albedo: Rgb,
     phase: Phase,
     storage: Storage,
+    encoding: Range<usize>,
 }
 
 impl SceneFile {
@@ -206,6 +208,7 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
             max_error,
             sigma_t_per_density: Some(sigma_t_per_density),
         },
+        encoding: encoding.span(),
     })
 }
 
@@ -278,6 +281,9 @@ impl Checked {
             }
         };
         on_stage(LoadStage::Read);
+        if is_cache(path) {
+            return self.map_volume(options);
+        }
         let archive = Archive::open(path).map_err(|e| at(file.span(), e))?;
         let index = archive
             .find(grid.get_ref())
@@ -286,6 +292,48 @@ impl Checked {
             SceneError::Volume { source, .. } => at(place(grid, file), source),
             other => other,
         })
+    }
+
+    /// Maps the cache file that the volume is in, which must hold what the scene asks for.
+    fn map_volume(&self, options: &LoadOptions) -> Result<LoadedVolume, SceneError> {
+        let CheckedVolume {
+            file,
+            path,
+            grid,
+            storage,
+            encoding,
+            ..
+        } = &self.volume;
+        let mut volume = LoadedVolume::map(path, options)?;
+        let wrong = |span: Range<usize>, message: String, expected: String| {
+            SceneError::Description(self.source.error(span, message, expected))
+        };
+        if volume.name != *grid.get_ref() {
+            let message = format!("no grid {:?} in the cache file", grid.get_ref());
+            let expected = format!("{:?}, the only one it holds", volume.name);
+            return Err(wrong(place(grid, file), message, expected));
+        }
+        let Stored {
+            encoding: held,
+            error,
+            ..
+        } = volume.stored;
+        let as_asked = match storage.kind {
+            StorageKind::Auto => true,
+            // Zero: exact.
+            StorageKind::Lossless => error.rms == 0.0,
+            kind => kind.fixed() == Some(held),
+        };
+        if !as_asked {
+            let asked = storage.kind.name();
+            let message = format!("the cache file holds {held}, which is not {asked}");
+            let expected = format!("\"auto\", or a cache file written with --encoding {asked}");
+            return Err(wrong(encoding.clone(), message, expected));
+        }
+        if error.scaled(self.volume.sigma_t_per_density).rms > storage.max_error {
+            volume.stored.reason = Reason::CachedOverBudget(storage.max_error);
+        }
+        Ok(volume)
     }
 
     /// Puts the loaded volume into the scene.

@@ -19,7 +19,7 @@ use super::error::SceneError;
 use super::framing::{Axes, FOV_DEGREES, Frame, visible_points};
 use super::load::LoadedVolume;
 use super::{SceneFile, write};
-use crate::grid::{Storage, StorageKind};
+use crate::grid::{Reason, Storage, StorageKind};
 use crate::vdb::{Archive, GridInfo};
 
 /// Mean optical thickness of the view's columns: an opaque body with soft edges, as cumulus has.
@@ -58,8 +58,8 @@ const Y_UP_MARKS: [&str; 6] = [
 
 impl UpAxis {
     /// Guesses the axis from who wrote the grid: y for programs known to use it, else z.
-    fn of(info: &GridInfo) -> (Self, String) {
-        for (key, value) in &info.metadata {
+    fn of(metadata: &[(String, String)]) -> (Self, String) {
+        for (key, value) in metadata {
             let text = format!("{key} {value}").to_lowercase();
             if let Some(mark) = Y_UP_MARKS.iter().find(|m| text.contains(*m)) {
                 return (Self::Y, format!("the grid's metadata speaks of {mark}"));
@@ -195,22 +195,17 @@ impl Wishes {
 ///
 /// # Errors
 /// If the grid is zero everywhere: there is nothing to look at.
-pub fn describe(
-    volume: &LoadedVolume,
-    info: &GridInfo,
-    why: &str,
-    wishes: Wishes,
-) -> Result<SceneFile, SceneError> {
+pub fn describe(volume: &LoadedVolume, why: &str, wishes: Wishes) -> Result<SceneFile, SceneError> {
     let bounds = volume
         .grid
         .world_bounds()
         .ok_or_else(|| SceneError::NoDensity {
             path: volume.path.clone(),
-            found: format!("{:?} is zero everywhere", info.address),
+            found: format!("{:?} is zero everywhere", volume.name),
         })?;
     let (up_axis, up_why) = match wishes.up {
         Some(axis) => (axis, "asked for".to_owned()),
-        None => UpAxis::of(info),
+        None => UpAxis::of(&volume.metadata),
     };
     let image = wishes
         .resolution
@@ -269,7 +264,10 @@ fn volume_desc(volume: &LoadedVolume, scale: f64, wishes: Wishes) -> VolumeDesc 
             kind: PhaseKind::HenyeyGreenstein,
             g: Some(unplaced(G)),
         }),
-        encoding: unplaced(wishes.storage().kind),
+        encoding: unplaced(match volume.stored.reason {
+            Reason::Cached => StorageKind::Auto,
+            _ => wishes.storage().kind,
+        }),
         storage_error: VolumeDesc::default_storage_error(),
     }
 }

@@ -4,6 +4,7 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
+use crate::cache::CacheError;
 use crate::grid::{GridTooLarge, TooLargeForHalf};
 use crate::vdb::VdbError;
 
@@ -29,6 +30,14 @@ pub enum SceneError {
         at: Option<Box<DescriptionError>>,
         /// What is wrong with it.
         source: VdbError,
+    },
+    /// A cache file cannot be read.
+    #[error("{source}")]
+    Cache {
+        /// Where the scene names the file, if a scene file was written at all.
+        at: Option<Box<DescriptionError>>,
+        /// What is wrong with it.
+        source: CacheError,
     },
     /// The grid's bounds do not fit into the memory that may be used.
     #[error("{}: grid {grid:?}: {source}; allow more by --max-memory", path.display())]
@@ -92,7 +101,7 @@ impl SceneError {
     pub fn place(&self) -> Option<&DescriptionError> {
         match self {
             Self::Description(at) => Some(at),
-            Self::Volume { at, .. } => at.as_deref(),
+            Self::Volume { at, .. } | Self::Cache { at, .. } => at.as_deref(),
             Self::Read { .. }
             | Self::TooLarge { .. }
             | Self::TooLargeForHalf { .. }

@@ -1,9 +1,11 @@
-//! Loads a scene's volume: walks the file, decodes the density grid, builds its bounds.
+//! Loads a scene's volume: walks the file, decodes the density grid, builds its bounds. Or maps a
+//! cache file, where all that is done.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use super::SceneError;
+use crate::cache::CacheFile;
 use crate::grid::{DensityGrid, Storage, Stored};
 use crate::vdb::{Archive, DensityData, LoadReport};
 
@@ -29,6 +31,8 @@ pub struct LoadedVolume {
     pub path: PathBuf,
     /// The grid's name in it.
     pub name: String,
+    /// The grid's metadata.
+    pub metadata: Vec<(String, String)>,
     /// Active voxels, tiles counted by their volume, if the file says.
     pub active_voxel_count: Option<u64>,
     /// Other grids of the file, which were not read beyond the checks.
@@ -86,6 +90,7 @@ impl LoadedVolume {
             grid: Arc::new(grid),
             path: archive.path().to_owned(),
             name: info.address.clone(),
+            metadata: info.metadata.clone(),
             unused_grids: archive
                 .grids()
                 .iter()
@@ -96,6 +101,28 @@ impl LoadedVolume {
             brick_count,
             stored,
             report,
+        })
+    }
+
+    /// Maps the grid of a cache file.
+    ///
+    /// # Errors
+    /// If the file is no cache file, is damaged, or needs too much memory.
+    pub fn map(path: &Path, options: &LoadOptions) -> Result<Self, SceneError> {
+        let failed = |source| SceneError::Cache { at: None, source };
+        let max_bytes = usize::try_from(options.max_memory_bytes).unwrap_or(usize::MAX);
+        let file = CacheFile::open(path, max_bytes).map_err(failed)?;
+        let grid = file.grid().map_err(failed)?;
+        Ok(Self {
+            brick_count: grid.brick_count(),
+            grid: Arc::new(grid),
+            path: path.to_owned(),
+            name: file.source().grid.clone(),
+            metadata: file.source().metadata.clone(),
+            active_voxel_count: None,
+            unused_grids: Vec::new(),
+            stored: file.stored(),
+            report: LoadReport::default(),
         })
     }
 }
