@@ -131,7 +131,30 @@ impl Values {
 
     /// Returns all values of brick `brick`.
     pub(super) fn brick(&self, brick: usize) -> [f32; BRICK_LEN] {
-        std::array::from_fn(|offset| self.get(brick, offset))
+        fn decoded<const N: usize>(
+            codes: &[u8],
+            value: impl Fn([u8; N]) -> f32,
+        ) -> [f32; BRICK_LEN] {
+            let mut values = [0.0; BRICK_LEN];
+            for (value_of, &code) in values.iter_mut().zip(codes.as_chunks().0) {
+                *value_of = value(code);
+            }
+            values
+        }
+        let size = self.encoding.brick_bytes();
+        let codes = &self.bytes[brick * size..][..size];
+        match self.encoding {
+            Encoding::F32 => decoded(codes, f32::from_le_bytes),
+            Encoding::F16 => decoded(codes, |c| from_half(u16::from_le_bytes(c))),
+            Encoding::U16 => {
+                let range = self.ranges[brick];
+                decoded(codes, |c| range.decode(u16::from_le_bytes(c)))
+            }
+            Encoding::U8 => {
+                let range = self.ranges[brick];
+                decoded(codes, |[c]| range.decode(c.into()))
+            }
+        }
     }
 
     /// Returns how values are stored.
