@@ -3,6 +3,12 @@
 //! Everything is part of the repository; a missing file is a panic.
 
 #![allow(dead_code, reason = "no bench uses all of it")]
+#![allow(
+    clippy::print_stderr,
+    reason = "numbers that are not times are printed once"
+)]
+
+pub(crate) mod cloud_field;
 
 use std::path::Path;
 
@@ -35,4 +41,9 @@ pub(crate) fn index_bounds(grid: &DensityGrid) -> Aabb {
         .corners()
         .map(|p| to_index.transform_point3(p).round());
     index.into_iter().fold(Aabb::EMPTY, Aabb::including)
+}
+
+/// Prints a number that criterion does not measure, in the form that `benches/record.py` collects.
+pub(crate) fn note(bench: &str, metric: &str, value: f64, unit: &str) {
+    eprintln!("note,{bench},{metric},{value:.4},{unit}");
 }
