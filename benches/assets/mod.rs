@@ -8,13 +8,16 @@
     reason = "numbers that are not times are printed once"
 )]
 
+pub(crate) mod arrays;
 pub(crate) mod cloud_field;
+pub(crate) mod walk;
 
 use std::path::Path;
 
-use majorant::grid::DensityGrid;
+use majorant::grid::{DensityGrid, Tree};
 use majorant::scene::{LoadOptions, Scene, SceneFile};
 use majorant::space::Aabb;
+use majorant::vdb::Archive;
 
 /// Scenes in `data/scenes`, whose volumes are `data/<name>.vdb`: a dense cloud of scattered
 /// light, optical thickness up to 59, and a thin plume, optical thickness up to 3.
@@ -31,6 +34,14 @@ pub(crate) fn scene(name: &str) -> Scene {
     checked
         .into_scene(&volume)
         .expect("the scene fits its volume")
+}
+
+/// Loads the values of `data/<name>.vdb`.
+pub(crate) fn tree(name: &str) -> Tree<f32> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("data/{name}.vdb"));
+    let archive = Archive::open(&path).expect("the volume is part of the project");
+    let data = archive.load_density(0, &LoadOptions::default());
+    data.expect("the volume is valid").tree
 }
 
 /// The box that holds all density, in index space; its corners are multiples of 8.

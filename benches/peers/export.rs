@@ -64,7 +64,10 @@ fn write_dense(medium: &Medium, path: &Path) -> Outcome<()> {
     let to_world = transform.world_from_index();
     let size = transform.voxel_size();
     let scale = DMat3::from_diagonal(size);
-    if !to_world.matrix3.abs_diff_eq(scale, 1e-12 * size.max_element()) {
+    if !to_world
+        .matrix3
+        .abs_diff_eq(scale, 1e-12 * size.max_element())
+    {
         return Err("its grid is rotated or sheared, expected a scale and a shift".into());
     }
     let world = grid.world_bounds().ok_or("its grid is empty")?;
@@ -119,4 +122,3 @@ fn write_depth(scene: &Scene, medium: &Medium, path: &Path) -> Outcome<()> {
     }
     Ok(out.flush()?)
 }
-
