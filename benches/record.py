@@ -7,7 +7,7 @@
     benches/record.py --dry-run lookup      print the file instead of writing it
 
 Times are medians of criterion's samples, for one element where the bench names elements. What is
-not a time comes from lines "note,BENCH,METRIC,VALUE,UNIT" on the benches' standard error. Needs
+not a time comes from lines of "note", bench, metric, value and unit, between tabs, on the benches' standard error. Needs
 Python 3.9 and nothing else. README.md in the folder of records explains the columns.
 """
 import argparse
@@ -103,8 +103,8 @@ def main():
         run = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
         for line in run.stderr:
             sys.stderr.write(line)
-            if line.startswith("note,"):
-                _, name, metric, value, unit = line.strip().split(",")
+            if line.startswith("note\t"):
+                _, name, metric, value, unit = line.strip().split("\t")
                 record.add(name, metric, float(value), unit)
         if run.wait() != 0:
             sys.exit(f"record.py: bench {bench} failed")

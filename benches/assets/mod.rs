@@ -56,5 +56,5 @@ pub(crate) fn index_bounds(grid: &DensityGrid) -> Aabb {
 
 /// Prints a number that criterion does not measure, in the form that `benches/record.py` collects.
 pub(crate) fn note(bench: &str, metric: &str, value: f64, unit: &str) {
-    eprintln!("note,{bench},{metric},{value:.4},{unit}");
+    eprintln!("note\t{bench}\t{metric}\t{value:.6}\t{unit}");
 }
