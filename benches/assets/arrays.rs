@@ -109,11 +109,11 @@ pub(crate) trait Code: Copy {
 }
 
 impl Code for f32 {
-    const STEPS: f32 = 0.0;
-    fn encode(value: f32, _low: f32, _step: f32) -> Self {
+    const STEPS: Self = 0.0;
+    fn encode(value: Self, _low: Self, _step: Self) -> Self {
         value
     }
-    fn decode(self, _low: f32, _step: f32) -> f32 {
+    fn decode(self, _low: Self, _step: Self) -> Self {
         self
     }
 }

@@ -87,7 +87,7 @@ fn write_dense(medium: &Medium, path: &Path) -> Outcome<()> {
         out.write_all(&n.to_le_bytes())?;
     }
     let corners = [bounds.min.as_vec3(), bounds.max.as_vec3()];
-    for x in corners.iter().flat_map(|c| c.to_array()) {
+    for x in corners.iter().flat_map(glam::Vec3::to_array) {
         out.write_all(&x.to_le_bytes())?;
     }
     let mut sampler = grid.sampler();
