@@ -30,8 +30,8 @@ use assets::cloud_field::cloud_tree;
 use cpu_time::ProcessTime;
 use glam::DVec3;
 use majorant::camera::Camera;
-use majorant::grid::DensityGrid;
 use majorant::grid::brick::BRICK_LEN;
+use majorant::grid::{DensityGrid, Encoding, Storage, StorageKind, Tree};
 use majorant::integrator::TransportSettings;
 use majorant::light::{DistantLight, Lights};
 use majorant::medium::Medium;
@@ -91,34 +91,59 @@ impl Options {
 /// A cloud of one resolution.
 struct Cloud {
     resolution: i32,
-    grid: Arc<DensityGrid>,
-    /// Mean and peak of the integral of the density, in world units.
+    /// As a scene of [`THICKNESS`] stores it by default, and as f32.
+    stored: [Stored; 2],
+    /// Integral of the density along the longest axis, in world units.
     column: f64,
+}
+
+/// A grid in one encoding.
+struct Stored {
+    encoding: Encoding,
+    grid: Arc<DensityGrid>,
     build: Duration,
+}
+
+impl Stored {
+    fn new(tree: Tree<f32>, transform: IndexTransform, encoding: Encoding) -> Self {
+        let start = ProcessTime::now();
+        let grid = DensityGrid::encoded(tree, transform, encoding, usize::MAX);
+        Self {
+            encoding,
+            build: start.elapsed(),
+            grid: Arc::new(grid.expect("no limit was set")),
+        }
+    }
 }
 
 impl Cloud {
     fn new(resolution: i32) -> Self {
         let tree = cloud_tree(resolution);
-        let start = ProcessTime::now();
-        let voxel = 1.0 / f64::from(resolution);
-        let grid = DensityGrid::new(tree, IndexTransform::uniform(voxel), usize::MAX)
-            .expect("no limit was set");
-        let build = start.elapsed();
+        let transform = IndexTransform::uniform(1.0 / f64::from(resolution));
+        let plain = Stored::new(tree.clone(), transform, Encoding::F32);
+        let column = column(&plain.grid);
+        let storage = Storage {
+            kind: StorageKind::Auto,
+            max_error: Storage::DEFAULT_ERROR,
+            sigma_t_per_density: Some(scale(THICKNESS, column)),
+        };
+        let chosen = storage
+            .choose(&tree, &transform)
+            .expect("f16 is not asked for");
         Self {
             resolution,
-            column: column(&grid),
-            grid: Arc::new(grid),
-            build,
+            column,
+            stored: [Stored::new(tree, transform, chosen.encoding), plain],
         }
     }
 
     /// Returns a scene of the cloud at `thickness`, measured along its longest axis.
-    fn scene(&self, thickness: f64, bounds: BoundsKind) -> Scene {
-        #[expect(clippy::cast_possible_truncation, reason = "an extinction is f32")]
-        let scale = (thickness / self.column) as f32;
+    fn scene(&self, thickness: f64, kernel: Kernel) -> Scene {
+        let Kernel { bounds, stored, .. } = kernel;
+        let scale = scale(thickness, self.column);
+        let grid = Arc::clone(&self.stored[stored].grid);
         let phase = Phase::HenyeyGreenstein { g: 0.85 };
-        let medium = Medium::new(Arc::clone(&self.grid), scale, Rgb([0.99; 3]), phase);
+        let medium = Medium::new(grid, scale, Rgb([0.99; 3]), phase);
         let aspect = f64::from(SIZE[0]) / f64::from(SIZE[1]);
         let camera = Camera::look_at(
             DVec3::new(0.8, -1.9, 0.4),
@@ -149,6 +174,40 @@ impl Cloud {
             },
         }
     }
+}
+
+/// What a series renders with.
+#[derive(Clone, Copy)]
+struct Kernel {
+    name: &'static str,
+    bounds: BoundsKind,
+    /// Which of a cloud's grids.
+    stored: usize,
+}
+
+const KERNELS: [Kernel; 3] = [
+    Kernel {
+        name: "auto",
+        bounds: BoundsKind::Auto,
+        stored: 0,
+    },
+    Kernel {
+        name: "auto f32",
+        bounds: BoundsKind::Auto,
+        stored: 1,
+    },
+    Kernel {
+        name: "hierarchy",
+        bounds: BoundsKind::Hierarchy,
+        stored: 0,
+    },
+];
+
+/// Returns the extinction of a density of one for an optical thickness.
+fn scale(thickness: f64, column: f64) -> f32 {
+    #[expect(clippy::cast_possible_truncation, reason = "an extinction is f32")]
+    let scale = (thickness / column) as f32;
+    scale
 }
 
 /// Returns the integral of the density along the longest axis through the middle.
@@ -281,16 +340,16 @@ fn draw(options: &Options, file: &str, x: &str, y: &str, curves: Vec<Curve>) {
     std::fs::write(folder.join(file), svg + "\n").expect("the folder can be written to");
 }
 
-/// Time against resolution at constant optical thickness, for each kind of bounds.
+/// Time against resolution at constant optical thickness, for each kernel.
 fn resolution(clouds: &[Cloud], options: &Options) {
     let mut curves = Vec::new();
-    for bounds in [BoundsKind::Auto, BoundsKind::Brick, BoundsKind::Hierarchy] {
-        let series = format!("growth/resolution/{}", bounds.name());
+    for kernel in KERNELS {
+        let series = format!("growth/resolution/{}", kernel.name);
         let points: Vec<Point> = clouds
             .iter()
             .map(|cloud| Point {
                 x: f64::from(cloud.resolution),
-                scene: cloud.scene(THICKNESS, bounds),
+                scene: cloud.scene(THICKNESS, kernel),
                 threads: 1,
             })
             .collect();
@@ -307,7 +366,7 @@ fn resolution(clouds: &[Cloud], options: &Options) {
                 pair[1].mean
             );
         }
-        curves.push(curve(bounds.name(), &points, &frames));
+        curves.push(curve(kernel.name, &points, &frames));
     }
     let (x, y) = ("voxels along an edge", "CPU µs a sample");
     draw(options, "time-resolution.svg", x, y, curves);
@@ -316,18 +375,18 @@ fn resolution(clouds: &[Cloud], options: &Options) {
 /// Time against optical thickness, at one resolution.
 fn thickness(cloud: &Cloud, options: &Options) {
     let mut curves = Vec::new();
-    for bounds in [BoundsKind::Auto, BoundsKind::Brick, BoundsKind::Hierarchy] {
-        let series = format!("growth/thickness/{}", bounds.name());
+    for kernel in KERNELS {
+        let series = format!("growth/thickness/{}", kernel.name);
         let points: Vec<Point> = [0.1, 1.0, 10.0, 100.0, 1000.0]
             .map(|x| Point {
                 x,
-                scene: cloud.scene(x, bounds),
+                scene: cloud.scene(x, kernel),
                 threads: 1,
             })
             .into();
         let frames = measure(&points, options.rounds);
         report(&series, &points, &frames);
-        curves.push(curve(bounds.name(), &points, &frames));
+        curves.push(curve(kernel.name, &points, &frames));
     }
     let (x, y) = ("optical thickness", "CPU µs a sample");
     draw(options, "time-thickness.svg", x, y, curves);
@@ -340,7 +399,7 @@ fn threads(cloud: &Cloud, options: &Options) {
         .take_while(|&n| n <= available)
         .map(|threads| Point {
             x: threads as f64,
-            scene: cloud.scene(THICKNESS, BoundsKind::Auto),
+            scene: cloud.scene(THICKNESS, KERNELS[0]),
             threads,
         })
         .collect();
@@ -348,48 +407,49 @@ fn threads(cloud: &Cloud, options: &Options) {
     report("growth/threads", &points, &frames);
 }
 
-/// Memory and the time to build the bounds against the number of bricks.
+/// Memory and the time to build the grid against the number of bricks.
 fn memory(clouds: &[Cloud], options: &Options) {
-    let mut points = [Vec::new(), Vec::new()];
-    for cloud in clouds {
-        let bricks = cloud.grid.brick_count();
-        let cells = f64::from(cloud.resolution / 8).powi(3);
-        let bytes = cloud.grid.memory_bytes() as f64;
-        let stored = (bricks * BRICK_LEN * size_of::<f32>()) as f64;
-        let name = format!("growth/memory/{}", cloud.resolution);
-        assets::note(&name, "bricks", bricks as f64, "1");
-        assets::note(&name, "occupied", bricks as f64 / cells, "1");
-        assets::note(&name, "memory", bytes / 1e6, "MB");
-        assets::note(&name, "memory_per_stored_byte", bytes / stored, "1");
-        let build = cloud.build.as_secs_f64();
-        assets::note(
-            &name,
-            "build_cpu_time",
-            build / bricks as f64 * 1e9,
-            "ns/brick",
-        );
-        for (points, y) in points.iter_mut().zip([bytes / 1e6, build]) {
-            points.push(CurvePoint {
+    let mut curves = Vec::new();
+    for kind in 0..2 {
+        let (mut memory, mut build) = (Vec::new(), Vec::new());
+        let name = ["auto", "f32"][kind];
+        for cloud in clouds {
+            let Stored {
+                encoding,
+                grid,
+                build: built,
+            } = &cloud.stored[kind];
+            let bricks = grid.brick_count();
+            let cells = f64::from(cloud.resolution / 8).powi(3);
+            let bytes = grid.memory_bytes() as f64;
+            let stored = (bricks * BRICK_LEN * encoding.value_bytes()) as f64;
+            let voxels = (bricks * BRICK_LEN) as f64;
+            let name = format!("growth/memory/{name}/{}", cloud.resolution);
+            assets::note(&name, "bricks", bricks as f64, "1");
+            assets::note(&name, "occupied", bricks as f64 / cells, "1");
+            assets::note(&name, "bits", encoding.value_bytes() as f64 * 8.0, "1");
+            assets::note(&name, "memory", bytes / 1e6, "MB");
+            assets::note(&name, "memory_per_stored_byte", bytes / stored, "1");
+            let nanoseconds = built.as_secs_f64() / voxels * 1e9;
+            assets::note(&name, "build_cpu_time", nanoseconds, "ns/voxel");
+            let at = |y| CurvePoint {
                 x: bricks as f64,
                 y,
                 error: 0.0,
+            };
+            memory.push(at(bytes / 1e6));
+            build.push(at(built.as_secs_f64()));
+        }
+        for (what, points) in [("memory, MB", memory), ("building, CPU s", build)] {
+            curves.push(Curve {
+                name: format!("{what}, {name}"),
+                points,
+                dashed: false,
             });
         }
     }
-    let [memory, build] = points;
-    let curve = |name: &str, points| Curve {
-        name: name.to_owned(),
-        points,
-        dashed: false,
-    };
-    let curves = vec![curve("memory, MB", memory), curve("building, CPU s", build)];
-    draw(
-        options,
-        "memory-bricks.svg",
-        "bricks of 8³ voxels",
-        "MB, or CPU s",
-        curves,
-    );
+    let (x, y) = ("bricks of 8³ voxels", "MB, or CPU s");
+    draw(options, "memory-bricks.svg", x, y, curves);
 }
 
 fn main() {

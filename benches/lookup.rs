@@ -7,7 +7,8 @@
 //!   scattering paths, as a render does (`path`).
 //! * Sizes (`size/…`): full cubes of 16 KB to 618 MB as f32, so that all is in the first cache,
 //!   the second, the third, or none; read at random and along jumps of 8 voxels (`jumps`).
-//! * Storage: every encoding of the library ([`ENCODINGS`]); flat bricks of 8³ values, and with
+//! * Storage: every encoding of the library ([`ENCODINGS`]), in memory and, where no cache holds
+//!   it, as a mapped cache file; flat bricks of 8³ values, and with
 //!   an apron of 9³, in f32, f16, u16 and u8; the dense array.
 //! * Throughput: lookups do not wait for each other. `latency`: the place of each lookup is found
 //!   by the value of the one before.
@@ -34,8 +35,9 @@ use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DVec2, DVec3, IVec3};
 use half::f16;
+use majorant::cache::{self, CacheFile, Contents, Source};
 use majorant::grid::brick::{BRICK_DIM, BRICK_LEN, voxel_at};
-use majorant::grid::{DensityGrid, Tree, TreeBuilder};
+use majorant::grid::{DensityGrid, Encoding, Tree, TreeBuilder};
 use majorant::medium::{BoundSegment, Medium, MediumRay};
 use majorant::sampling::{Stream, StreamKey};
 use majorant::scene::Scene;
@@ -46,8 +48,35 @@ use majorant::tracking::collision::{Collision, Visitor, walk};
 /// Lookups of one timed pass: 32 bytes each, 1 MiB in all, read in order.
 const QUERY_COUNT: usize = 1 << 15;
 
-/// How the library can store a tree: name, constructor, and the largest relative error of a sum.
-const ENCODINGS: [(&str, fn(Tree<f32>) -> DensityGrid, f64); 1] = [("f32", plain_grid, 1e-6)];
+/// A way in which the library can store a tree.
+#[derive(Clone, Copy)]
+struct Kind {
+    name: &'static str,
+    encoding: Encoding,
+    /// Written to a cache file and mapped, instead of held in memory.
+    is_mapped: bool,
+    /// Largest relative error of a sum.
+    tolerance: f64,
+}
+
+const fn kind(name: &'static str, encoding: Encoding, is_mapped: bool, tolerance: f64) -> Kind {
+    Kind {
+        name,
+        encoding,
+        is_mapped,
+        tolerance,
+    }
+}
+
+/// Half a step of the code at most, of values up to the brick's largest; f16 has 11 bits.
+const ENCODINGS: [Kind; 6] = [
+    kind("f32", Encoding::F32, false, 1e-6),
+    kind("f16", Encoding::F16, false, 5e-4),
+    kind("u16", Encoding::U16, false, 2e-5),
+    kind("u8", Encoding::U8, false, 4e-3),
+    kind("f32 mapped", Encoding::F32, true, 1e-6),
+    kind("u8 mapped", Encoding::U8, true, 4e-3),
+];
 
 /// Voxels along the edge of the full cubes, and the smallest cache that holds them as f32.
 const CUBES: [(i32, &str); 4] = [
@@ -57,8 +86,30 @@ const CUBES: [(i32, &str); 4] = [
     (536, "616 MB, memory"),
 ];
 
-fn plain_grid(tree: Tree<f32>) -> DensityGrid {
-    DensityGrid::new(tree, IndexTransform::uniform(1.0), usize::MAX).expect("no limit was set")
+impl Kind {
+    fn grid(self, mut tree: Tree<f32>) -> DensityGrid {
+        let transform = IndexTransform::uniform(1.0);
+        if !self.is_mapped {
+            let grid = DensityGrid::encoded(tree, transform, self.encoding, usize::MAX);
+            return grid.expect("no limit was set");
+        }
+        let folder = tempfile::tempdir().expect("a folder for the cache file");
+        let path = folder.path().join("cube.mjc");
+        let values = tree.take_values();
+        let contents = Contents {
+            nodes: tree,
+            transform,
+            encoding: self.encoding,
+            source: Source::default(),
+            brick: |b: usize, _origin, out: &mut [f32]| {
+                out.copy_from_slice(&values[b * BRICK_LEN..][..BRICK_LEN]);
+            },
+        };
+        cache::write(&path, contents, usize::MAX).expect("the folder has room");
+        let file = CacheFile::open(&path, usize::MAX).expect("just written");
+        // The mapping outlives the file's name. Its pages are in the system's cache.
+        file.grid().expect("just written")
+    }
 }
 
 /// One lookup.
@@ -280,28 +331,31 @@ impl Places<'_, '_> {
         }
     }
 
-    fn library(&mut self, grids: &[(&str, DensityGrid, f64)]) {
+    fn library(&mut self, grids: &[(Kind, DensityGrid)]) {
         let Expected {
             stored,
             trilinear,
             one_tap,
         } = self.expected;
-        for (encoding, grid, tolerance) in grids {
+        for (kind, grid) in grids {
+            let Kind {
+                name, tolerance, ..
+            } = kind;
             let mut sampler = grid.sampler();
             self.time(
-                &format!("{encoding}, stored"),
+                &format!("{name}, stored"),
                 (stored, *tolerance),
                 false,
                 |q| sampler.value(floor_to_voxel(q.p_index)),
             );
             self.time(
-                &format!("{encoding}, trilinear"),
+                &format!("{name}, trilinear"),
                 (trilinear, *tolerance),
                 true,
                 |q| sampler.trilinear(q.p_index),
             );
             self.time(
-                &format!("{encoding}, one tap"),
+                &format!("{name}, one tap"),
                 (one_tap, *tolerance),
                 true,
                 |q| sampler.stochastic(q.p_index, q.bits),
@@ -338,7 +392,7 @@ impl Places<'_, '_> {
             byte,
             byte_apron,
         } = flat;
-        // Half a step of the code, of values up to the brick's largest; f16 has 11 bits.
+        // As for the library's encodings.
         let (bits8, bits11, bits16) = (4e-3, 5e-4, 2e-5);
         self.time("flat f32, trilinear", (trilinear, 1e-6), false, |q| {
             plain.trilinear(q.p_index)
@@ -388,9 +442,9 @@ impl Flat {
 }
 
 /// The library's grids of `tree`, by encoding.
-fn grids(tree: &Tree<f32>) -> Vec<(&'static str, DensityGrid, f64)> {
-    let made = ENCODINGS.map(|(name, make, tolerance)| (name, make(tree.clone()), tolerance));
-    made.into()
+fn grids(tree: &Tree<f32>) -> Vec<(Kind, DensityGrid)> {
+    let in_memory = ENCODINGS.into_iter().filter(|kind| !kind.is_mapped);
+    in_memory.map(|k| (k, k.grid(tree.clone()))).collect()
 }
 
 fn bench_places(
@@ -447,7 +501,7 @@ fn bench_cloud(c: &mut Criterion) {
 fn full_cube(edge: i32) -> Tree<f32> {
     let mut builder = TreeBuilder::new(0.0);
     let cells = edge / BRICK_DIM;
-    let mut values = Vec::with_capacity((cells * cells * cells) as usize * BRICK_LEN);
+    let mut values = Vec::new();
     for cell in 0..cells * cells * cells {
         let origin = IVec3::new(cell / (cells * cells), cell / cells % cells, cell % cells);
         let origin = origin * BRICK_DIM;
@@ -480,8 +534,12 @@ fn bench_sizes(c: &mut Criterion) {
             ("uniform", uniform(bounds, &mut stream)),
             ("jumps", jumps(bounds, &mut stream)),
         ];
-        for (encoding, make, tolerance) in ENCODINGS {
-            let grids = [(encoding, make(tree.clone()), tolerance)];
+        for kind in ENCODINGS {
+            // A mapping that is in the caches is memory like any other.
+            if kind.is_mapped && edge < 500 {
+                continue;
+            }
+            let grids = [(kind, kind.grid(tree.clone()))];
             for (pattern, queries) in &patterns {
                 let name = format!("size/{size}/{pattern}");
                 bench_places(c, &name, queries, &dense, |places| places.library(&grids));

@@ -120,13 +120,22 @@ def growth(n):
     rows = [
         [f"{x}³", *(n.get(f"growth/resolution/{k}/{x}", "cpu_time") for k in kinds),
          n.get(f"growth/resolution/auto/{x}", "segments"), n.get(f"growth/resolution/auto/{x}", "lookups"),
-         n.get(f"growth/memory/{x}", "bricks"), n.get(f"growth/memory/{x}", "memory"),
-         n.get(f"growth/memory/{x}", "memory_per_stored_byte"),
-         n.get(f"growth/memory/{x}", "build_cpu_time", scale=1 / 512)]
+         n.get(f"growth/resolution/auto/{x}", "vertices")]
         for x in xs
     ]
-    head = ["resolution", *(f"{k}, µs a sample" for k in kinds), "segments a sample", "lookups a sample",
-            "bricks", "MB", "bytes / stored bytes", "building, ns a stored voxel"]
+    head = ["resolution", *(f"{k}, µs a sample" for k in kinds), "segments a sample", "lookups", "vertices"]
+    return markdown(head, rows)
+
+
+def memory(n):
+    names = unique(n.benches("growth/memory/"))
+    rows = [
+        [name.replace("/", ", ") + "³", *(n.get(f"growth/memory/{name}", m) for m in
+         ("bricks", "occupied", "bits", "memory", "memory_per_stored_byte", "build_cpu_time"))]
+        for name in names
+    ]
+    head = ["storage, resolution", "bricks", "of all", "bits a voxel", "MB", "bytes / (stored voxels × bytes of the encoding)",
+            "building, ns a stored voxel"]
     return markdown(head, rows)
 
 
@@ -160,7 +169,7 @@ def peers(n):
     return markdown(head, rows)
 
 
-TABLES = [lookup, sizes, traversal, bounds, load, frame, growth, thickness, threads, peers]
+TABLES = [lookup, sizes, traversal, bounds, load, frame, growth, thickness, memory, threads, peers]
 
 
 def main():
