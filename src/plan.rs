@@ -10,7 +10,7 @@ use serde::Serialize;
 use crate::integrator::IntegratorKind;
 use crate::medium::Medium;
 use crate::phase::Phase;
-use crate::scene::Scene;
+use crate::scene::{LoadedVolume, Scene};
 use crate::tracking::{BoundsKind, DistanceEstimator, Survey, Tracking, TransmittanceEstimator};
 
 /// One decision.
@@ -28,9 +28,8 @@ impl fmt::Display for PlanLine {
     }
 }
 
-/// Lists what rendering `scene` uses and leaves out; `unused_grids` are those that were not
-/// loaded.
-pub fn plan(scene: &Scene, unused_grids: &[String]) -> Vec<PlanLine> {
+/// Lists what rendering `scene`, with `volume` in it, uses and leaves out.
+pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
     let mut lines = Vec::new();
     let mut add = |what: &str, why: &str| {
         lines.push(PlanLine {
@@ -38,8 +37,8 @@ pub fn plan(scene: &Scene, unused_grids: &[String]) -> Vec<PlanLine> {
             why: why.to_owned(),
         });
     };
-    if !unused_grids.is_empty() {
-        let names = unused_grids.join(", ");
+    if !volume.unused_grids.is_empty() {
+        let names = volume.unused_grids.join(", ");
         add(
             &format!("grids not loaded: {names}"),
             "the scene names none of them",
@@ -68,6 +67,11 @@ pub fn plan(scene: &Scene, unused_grids: &[String]) -> Vec<PlanLine> {
     }
     if let Some(medium) = medium {
         add("active masks dropped", "rendering reads values only");
+        let encoding = volume.stored.encoding;
+        add(
+            &format!("values stored as {encoding}"),
+            &volume.stored.explain(medium.sigma_t_per_density()),
+        );
         let shadows = transport.integrator == IntegratorKind::Path && !lights.distant.is_empty();
         add_tracking(&mut add, medium, transport.tracking, shadows);
         match medium.phase() {

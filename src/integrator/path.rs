@@ -13,9 +13,9 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
-use super::{Context, PathSample};
+use super::{Context, Levers, PathSample};
 use crate::light::DistantLight;
-use crate::medium::Medium;
+use crate::medium::MediumRay;
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
@@ -44,7 +44,7 @@ const LEAST_BELIEF: f32 = 0.05;
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
 pub(super) fn sample_radiance(
     context: &Context<'_>,
-    mut ray: Ray,
+    ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
@@ -54,21 +54,32 @@ pub(super) fn sample_radiance(
         settings,
         ref guide,
     } = *context;
+    let Levers {
+        guide: steer,
+        light_roulette,
+        path_roulette,
+    } = settings.levers;
+    let roulette_weight = if path_roulette {
+        ROULETTE_WEIGHT
+    } else {
+        // Only paths without any weight end.
+        f32::MIN_POSITIVE
+    };
     let least = LEAST_CONTRIBUTION * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::WHITE;
     let mut first_collision = None;
     let mut bounces = 0;
+    let mut direction = ray.direction;
+    let mut walk = medium.map(|m| (m, settings.tracking.start_path(m, &ray)));
     loop {
-        let hit = medium.and_then(|m| {
-            let t = settings
-                .tracking
-                .sample_collision(m, &ray, f64::INFINITY, stream, counts)?;
-            Some((m, t))
+        let hit = walk.as_mut().and_then(|(medium, walk)| {
+            let t = settings.tracking.next_collision(walk, stream, counts)?;
+            Some((*medium, walk, t))
         });
-        let Some((medium, t)) = hit else {
+        let Some((medium, walk, t)) = hit else {
             let sky = if bounces == 0 {
-                lights.radiance(ray.direction)
+                lights.radiance(direction)
             } else {
                 lights.environment
             };
@@ -78,7 +89,6 @@ pub(super) fn sample_radiance(
             };
         };
         first_collision.get_or_insert(t);
-        let p = ray.at(t);
         if settings.max_bounces == Some(bounces) {
             return PathSample {
                 radiance,
@@ -89,59 +99,64 @@ pub(super) fn sample_radiance(
         bounces += 1;
 
         let weight = throughput.max_channel();
-        if weight < ROULETTE_WEIGHT {
-            if stream.uniform() * ROULETTE_WEIGHT >= weight {
+        if weight < roulette_weight {
+            if stream.uniform() * roulette_weight >= weight {
                 counts.roulette_kills += 1;
                 return PathSample {
                     radiance,
                     first_collision,
                 };
             }
-            throughput *= ROULETTE_WEIGHT / weight;
+            throughput *= roulette_weight / weight;
         }
 
         let vertex = Vertex {
-            p,
-            direction: ray.direction,
+            walk,
+            t,
+            direction,
             throughput,
         };
-        let mut direction = None;
+        let mut next = None;
         if let Some(guide) = guide {
+            let p = walk.index_position(t);
             for (i, sun) in lights.distant.iter().enumerate() {
-                let believed = guide.root_transmittance(i, p).max(LEAST_BELIEF);
-                let worth = believed / least;
-                radiance +=
-                    vertex.direct_light(medium, &settings.tracking, sun, worth, stream, counts);
+                let worth = if light_roulette {
+                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                } else {
+                    f32::MAX
+                };
+                radiance += vertex.direct_light(&settings.tracking, sun, worth, stream, counts);
             }
-            let (guided, weight) = guide.sample(medium.phase(), p, ray.direction, stream);
-            throughput *= weight;
-            direction = Some(guided);
+            if steer {
+                let (guided, weight) = guide.sample(medium.phase(), p, direction, stream);
+                throughput *= weight;
+                next = Some(guided);
+            }
         }
         counts.scattered_rays += 1;
-        ray = Ray {
-            origin: p,
-            direction: direction.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
-        };
+        direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
+        walk.turn(t, direction);
     }
 }
 
 /// A scattering event.
-struct Vertex {
-    p: DVec3,
+struct Vertex<'w, 'm> {
+    /// The walk that met it, at `t`.
+    walk: &'w MediumRay<'m>,
+    t: f64,
     /// In which the path arrives, coming from the camera.
     direction: DVec3,
     /// Albedo included.
     throughput: Rgb,
 }
 
-impl Vertex {
+impl Vertex<'_, '_> {
     /// Returns an unbiased estimate of a sun's light that scatters here towards the camera.
     ///
     /// `worth` is what a contribution of 1 is expected to be worth in shadow rays: below 1, the
     /// ray is traced with that probability. On its way, roulette goes on by the same measure.
     fn direct_light(
         &self,
-        medium: &Medium,
         tracking: &Tracking,
         sun: &DistantLight,
         worth: f32,
@@ -151,7 +166,11 @@ impl Vertex {
         let light = sun.sample(stream);
         // The path runs from the camera, so light travels the other way on both legs; the
         // cosine between the directions of propagation is the same.
-        let phase = medium.phase().eval(self.direction.dot(light.direction));
+        let phase = self
+            .walk
+            .medium()
+            .phase()
+            .eval(self.direction.dot(light.direction));
         let unoccluded = self.throughput * light.weight * phase;
         let worth = unoccluded.max_channel() * worth;
         if worth < 1.0 && stream.uniform() >= worth {
@@ -159,14 +178,11 @@ impl Vertex {
         }
         // At least the probability of having come here: zero cannot.
         let probability = worth.min(1.0);
-        let ray = Ray {
-            origin: self.p,
-            direction: light.direction,
-        };
         counts.shadow_rays += 1;
         let least = worth.recip().min(1.0);
+        let from = (self.walk, self.t);
         let transmittance =
-            tracking.estimate_transmittance(medium, &ray, f64::INFINITY, least, stream, counts);
+            tracking.transmittance_from(from, light.direction, least, stream, counts);
         unoccluded * (transmittance / probability)
     }
 }
