@@ -51,6 +51,14 @@ pub(crate) fn map_part(file: &File, offset: u64, len: usize) -> io::Result<Mmap>
     unsafe { MmapOptions::new().offset(offset).len(len).map(file) }
 }
 
+/// Tells the system that pages of `map` are wanted one by one. It reads 32 or more for each else, which
+/// is right until they push each other out of memory.
+pub(crate) fn read_page_by_page(map: &Mmap) -> io::Result<()> {
+    #[cfg(unix)]
+    map.advise(memmap2::Advice::Random)?;
+    Ok(())
+}
+
 impl Deref for Bytes {
     type Target = [u8];
 
