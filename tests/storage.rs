@@ -90,13 +90,13 @@ fn depths(grid: &DensityGrid, n: f64) -> Vec<f64> {
     let mut depth = |_| {
         let (origin, direction) = ray(&mut rng, n);
         let mut sampler = grid.sampler();
-        let segments = grid.traverse(origin, direction, f64::INFINITY);
-        let cubics = |s| -> f64 {
-            VoxelWalk::new(&mut sampler, (origin, direction), s)
-                .map(|c| c.integral())
-                .sum()
-        };
-        segments.map(cubics).sum()
+        let mut walk = grid.traverse(origin, direction, f64::INFINITY);
+        let mut sum = 0.0;
+        while walk.next().is_some() {
+            let cells = VoxelWalk::new(&mut sampler, &walk);
+            sum += cells.map(|c| c.integral()).sum::<f64>();
+        }
+        sum
     };
     (0..4000).map(&mut depth).collect()
 }
