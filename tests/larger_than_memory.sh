@@ -25,7 +25,7 @@ limited_group() {
         for file in memory.max memory.limit_in_bytes; do
             if [ -e "$new/$file" ] && echo "$1" >"$new/$file" 2>/dev/null; then
                 # No help from swap space.
-                echo 0 >"$new/memory.swap.max" 2>/dev/null || true
+                [ ! -e "$new/memory.swap.max" ] || echo 0 >"$new/memory.swap.max"
                 echo "$new"
                 return
             fi
