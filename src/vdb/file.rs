@@ -2,7 +2,7 @@
 //!
 //! Mapping keeps peak memory near the grid's own size: a 171 MB file otherwise costs 0.1 s and
 //! 171 MB before the first value is decoded. See `docs/adr/0006-memory-mapped-input.md`.
-//! This is the only `unsafe` of the crate; nothing here knows the file format.
+//! These are the only `unsafe` calls of the crate; nothing here knows a file format.
 
 use std::fs::File;
 use std::io;
