@@ -320,7 +320,8 @@ impl BrickSpan {
         let (min, max) = extremes(values);
         // Halves have 13 bits less of mantissa; the range is checked with the exact conversion,
         // which takes ten times as long, for what passes this.
-        let coarse = values.iter().fold(0, |bits, v| bits | v.to_bits()) & 0x1fff == 0;
+        let coarse = values.iter().fold(0, |bits, v| bits | v.to_bits());
+        let coarse = coarse.trailing_zeros() >= 13;
         let is_half = coarse
             && values
                 .iter()
