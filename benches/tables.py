@@ -169,7 +169,13 @@ def peers(n):
     return markdown(head, rows)
 
 
-TABLES = [lookup, sizes, traversal, bounds, load, frame, growth, thickness, memory, threads, peers]
+def per_lookup(n):
+    scenes = ("cloud", "cloud_a999", "smoke", "absorb")
+    cells = [n.get(f"peers/{scene}/majorant", "cpu_time_per_lookup") for scene in scenes]
+    return markdown(["", *scenes], [["ns of CPU a density lookup, all in", *cells]])
+
+
+TABLES = [lookup, sizes, traversal, bounds, load, frame, growth, thickness, memory, threads, peers, per_lookup]
 
 
 def main():
