@@ -1,6 +1,6 @@
 //! What a step of a ray through the bounds costs, and how many steps and collisions there are.
 //!
-//! Times are for each 8³ cell of space that a ray crosses: a property of ray and box, not of
+//! CPU times are for each 8³ cell of space that a ray crosses: a property of ray and box, not of
 //! the walk, so a walk that leaps over empty space, or takes large cells, pays less per cell.
 //! Rays come in three kinds, one for each level at which a step can be taken: through density
 //! (`crossing`: bricks), through the box of the density without meeting any (`missing`: bricks
@@ -22,8 +22,8 @@ mod assets;
 use std::time::Duration;
 
 use assets::arrays::Dense;
+use assets::cpu_clock::CpuClock;
 use assets::walk::{Chord, FlatBounds};
-use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DVec3, IVec3};
 use majorant::grid::brick::BRICK_DIM;
@@ -122,7 +122,7 @@ fn integrate(grid: &DensityGrid, chords: &[Chord]) -> f64 {
     sum
 }
 
-type Group<'a> = BenchmarkGroup<'a, WallTime>;
+type Group<'a> = BenchmarkGroup<'a, CpuClock>;
 
 /// Times the walk of `chords` and asserts that it is the same each time.
 fn time(group: &mut Group<'_>, name: &str, grid: &DensityGrid, chords: &[Chord]) {
@@ -269,7 +269,7 @@ fn bench_sparse(group: &mut Group<'_>, stream: &mut Stream) {
     time(group, "sparse", &grid, &sparse);
 }
 
-fn bench(c: &mut Criterion) {
+fn bench(c: &mut Criterion<CpuClock>) {
     let mut group = c.benchmark_group("traversal");
     group
         .sample_size(20)
@@ -283,5 +283,9 @@ fn bench(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, bench);
+criterion_group!(
+    name = benches;
+    config = assets::cpu_clock::criterion();
+    targets = bench
+);
 criterion_main!(benches);
