@@ -30,7 +30,6 @@ use majorant::grid::brick::BRICK_DIM;
 use majorant::grid::{Cells, DensityGrid, Tree};
 use majorant::sampling::{Stream, StreamKey, sample_cone};
 use majorant::space::{Aabb, IndexTransform, floor_to_voxel};
-use majorant::tracking::MERGED_DEPTH;
 
 const RAY_COUNT: usize = 512;
 
@@ -77,7 +76,7 @@ fn cell_count(chords: &[Chord]) -> u64 {
     cells.sum()
 }
 
-fn walk(grid: &DensityGrid, chords: &[Chord], cells: Cells) -> Walked {
+fn walk(grid: &DensityGrid, chords: &[Chord], cells: Cells<'_>) -> Walked {
     let mut walked = Walked::default();
     for c in chords {
         for s in grid.traverse_cells(c.origin, c.direction, f64::INFINITY, cells) {
@@ -185,10 +184,11 @@ fn count(
         let (walked, steps) = walk_flat(&FlatBounds::new(dense, edge), chords);
         say(&cells, &walked, Some(steps));
     }
-    let merged = Cells::Merged(f64::from(MERGED_DEPTH) / depth_per_density_voxel);
+    #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+    let blocks = grid.blocks(depth_per_density_voxel as f32);
     for (cells, kind) in [
         ("library, bricks", Cells::Bricks),
-        ("library, hierarchy", merged),
+        ("library, hierarchy", Cells::Blocks(&blocks)),
         ("library, whole", Cells::Whole),
     ] {
         say(cells, &walk(grid, chords, kind), None);

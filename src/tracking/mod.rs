@@ -17,5 +17,5 @@ mod settings;
 mod survey;
 pub mod transmittance;
 
-pub use settings::{BoundsKind, DistanceEstimator, MERGED_DEPTH, Tracking, TransmittanceEstimator};
+pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 pub use survey::Survey;
