@@ -77,10 +77,12 @@ def traversal(n):
     kinds = [f"{s}/{k}" for s in ("cloud", "smoke") for k in ("crossing", "missing")]
     rows = [
         [kind, n.get(f"traversal/{kind}", "cells"), n.get(f"traversal/{kind}", "segments"),
-         n.get(f"traversal/{kind}"), n.get(f"traversal/{kind}, flat")]
+         n.get(f"traversal/{kind}, blocks", "segments"), n.get(f"traversal/{kind}"),
+         n.get(f"traversal/{kind}, blocks"), n.get(f"traversal/{kind}, flat")]
         for kind in [*kinds, "sparse"]
     ]
-    return markdown(["rays", "cells a ray", "segments a ray", "ns a cell", "flat DDA, ns a cell"], rows)
+    head = ["rays", "cells a ray", "segments a ray: bricks", "blocks", "ns a cell: bricks", "blocks", "flat DDA"]
+    return markdown(head, rows)
 
 
 def bounds(n):
