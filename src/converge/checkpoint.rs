@@ -60,14 +60,14 @@ pub fn to_bytes(key: &str, record: &Record) -> Result<Vec<u8>, CheckpointError> 
             count,
             mean,
             m2,
-            hit_count,
+            opacity,
             depth_mean,
         } = pixel;
         bytes.extend(count.to_le_bytes());
         for x in mean.iter().chain(m2) {
             bytes.extend(x.to_le_bytes());
         }
-        bytes.extend(hit_count.to_le_bytes());
+        bytes.extend(opacity.to_le_bytes());
         bytes.extend(depth_mean.to_le_bytes());
         bytes.extend(cost.values_read.to_le_bytes());
         bytes.extend(cost.null_collisions.to_le_bytes());
@@ -106,7 +106,7 @@ pub fn from_bytes(bytes: &[u8]) -> Result<(String, Record), CheckpointError> {
             count: words[0],
             mean: [1, 2, 3].map(number),
             m2: [4, 5, 6].map(number),
-            hit_count: words[7],
+            opacity: number(7),
             depth_mean: number(8),
         };
         *cost = PixelCost {
@@ -129,7 +129,7 @@ mod tests {
             pixel.count = u64::from(i);
             pixel.mean = [f64::from(i) / 3.0, 1e300, -0.0];
             pixel.m2 = [f64::MIN_POSITIVE, 0.1 + 0.2, f64::from(i)];
-            pixel.hit_count = 7;
+            pixel.opacity = 6.5;
             pixel.depth_mean = f64::from(i).sqrt();
         }
         record.costs[5].values_read = u64::MAX;

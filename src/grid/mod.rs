@@ -18,6 +18,7 @@ mod columns;
 mod cubic;
 mod density;
 mod directory;
+mod occupied;
 pub mod sampler;
 pub mod traverse;
 pub mod tree;

@@ -44,6 +44,7 @@ pub(super) fn sample_radiance(
             return PathSample {
                 radiance: weight * lights.radiance(ray.direction),
                 first_collision,
+                opacity: if first_collision.is_some() { 1.0 } else { 0.0 },
             };
         };
         first_collision.get_or_insert(t);
@@ -53,6 +54,7 @@ pub(super) fn sample_radiance(
             return PathSample {
                 radiance: Rgb::BLACK,
                 first_collision,
+                opacity: 1.0,
             };
         }
         weight *= albedo * survival.recip();

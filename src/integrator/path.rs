@@ -13,7 +13,7 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
-use super::{Context, PathSample};
+use super::Context;
 use crate::light::DistantLight;
 use crate::medium::Medium;
 use crate::sampling::Stream;
@@ -41,49 +41,30 @@ const LEAST_CONTRIBUTION: f32 = 0.05;
 /// 4.7 (5.7), 4.5 (7.2); two clouds lie between.
 const LEAST_BELIEF: f32 = 0.05;
 
-/// Returns an unbiased sample of the radiance that arrives along `ray`.
-pub(super) fn sample_radiance(
+/// Returns an unbiased sample of the radiance that a collision at `t` of the camera ray `ray`
+/// sends along it, times `weight`.
+pub(super) fn scattered_radiance(
     context: &Context<'_>,
-    mut ray: Ray,
+    medium: &Medium,
+    (mut ray, mut t): (Ray, f64),
+    weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> PathSample {
+) -> Rgb {
     let Context {
-        medium,
         lights,
         settings,
         ref guide,
+        ..
     } = *context;
     let least = LEAST_CONTRIBUTION * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
-    let mut throughput = Rgb::WHITE;
-    let mut first_collision = None;
+    let mut throughput = Rgb::splat(weight);
     let mut bounces = 0;
     loop {
-        let hit = medium.and_then(|m| {
-            let t = settings
-                .tracking
-                .sample_collision(m, &ray, f64::INFINITY, stream, counts)?;
-            Some((m, t))
-        });
-        let Some((medium, t)) = hit else {
-            let sky = if bounces == 0 {
-                lights.radiance(ray.direction)
-            } else {
-                lights.environment
-            };
-            return PathSample {
-                radiance: radiance + throughput * sky,
-                first_collision,
-            };
-        };
-        first_collision.get_or_insert(t);
         let p = ray.at(t);
         if settings.max_bounces == Some(bounces) {
-            return PathSample {
-                radiance,
-                first_collision,
-            };
+            return radiance;
         }
         throughput *= medium.albedo();
         bounces += 1;
@@ -92,10 +73,7 @@ pub(super) fn sample_radiance(
         if weight < ROULETTE_WEIGHT {
             if stream.uniform() * ROULETTE_WEIGHT >= weight {
                 counts.roulette_kills += 1;
-                return PathSample {
-                    radiance,
-                    first_collision,
-                };
+                return radiance;
             }
             throughput *= ROULETTE_WEIGHT / weight;
         }
@@ -122,6 +100,13 @@ pub(super) fn sample_radiance(
             origin: p,
             direction: direction.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
         };
+        let next = settings
+            .tracking
+            .sample_collision(medium, &ray, f64::INFINITY, stream, counts);
+        match next {
+            Some(further) => t = further,
+            None => return radiance + throughput * lights.environment,
+        }
     }
 }
 

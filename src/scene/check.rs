@@ -90,6 +90,8 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
         lights,
         transport: TransportSettings {
             integrator: *desc.render.integrator.get_ref(),
+            camera_ray: desc.render.camera_ray,
+            sampler: desc.render.sampler,
             tracking: check_tracking(source, &desc.render)?,
             max_bounces: desc.render.max_bounces,
         },
