@@ -14,8 +14,10 @@ pub struct Sample {
     pub radiance: Rgb,
     /// Estimate of the opacity along the camera ray: 0 or 1, or what is between.
     pub opacity: f64,
-    /// Depth of the first collision along the camera axis; of no meaning where opacity is 0.
+    /// Depth of the first collision along the camera axis.
     pub depth: f64,
+    /// Its weight in the mean depth; 0 if there is none.
+    pub depth_weight: f64,
 }
 
 /// Sums over samples of one pixel, in the order they come.
@@ -27,7 +29,8 @@ pub struct Batch {
     sum: [f64; 3],
     squares: [f64; 3],
     opacity: f64,
-    /// Sum of opacity times depth.
+    depth_weight: f64,
+    /// Weighted.
     depth: f64,
 }
 
@@ -45,11 +48,9 @@ impl Batch {
             self.sum[c] += x;
             self.squares[c] += x * x;
         }
-        // Zero: the depth may be infinite.
-        if sample.opacity > 0.0 {
-            self.opacity += sample.opacity;
-            self.depth += sample.opacity * sample.depth;
-        }
+        self.opacity += sample.opacity;
+        self.depth_weight += sample.depth_weight;
+        self.depth += sample.depth_weight * sample.depth;
     }
 
     /// Returns the statistics of the samples so far.
@@ -64,9 +65,10 @@ impl Batch {
             // Rounding may take equal samples below zero.
             m2: std::array::from_fn(|c| (self.squares[c] - self.sum[c] * self.sum[c] / n).max(0.0)),
             opacity: self.opacity,
+            depth_weight: self.depth_weight,
             // Zero: nothing was hit.
-            depth_mean: if self.opacity > 0.0 {
-                self.depth / self.opacity
+            depth_mean: if self.depth_weight > 0.0 {
+                self.depth / self.depth_weight
             } else {
                 0.0
             },
@@ -85,7 +87,9 @@ pub struct Pixel {
     pub m2: [f64; 3],
     /// Sum of the samples' opacities.
     pub opacity: f64,
-    /// Mean depth of the first collision, weighted by them.
+    /// Sum of the weights of their depths.
+    pub depth_weight: f64,
+    /// Mean depth of the first collision, so weighted.
     pub depth_mean: f64,
 }
 
@@ -138,9 +142,10 @@ impl Pixel {
         }
         self.count += other.count;
         self.opacity += other.opacity;
+        self.depth_weight += other.depth_weight;
         // Zero: neither has a depth.
-        if self.opacity > 0.0 {
-            let weight = other.opacity / self.opacity;
+        if self.depth_weight > 0.0 {
+            let weight = other.depth_weight / self.depth_weight;
             self.depth_mean += (other.depth_mean - self.depth_mean) * weight;
         }
     }
@@ -220,6 +225,7 @@ mod tests {
             radiance: Rgb([x, x * x, 1.0]),
             opacity: f64::from(i % 3) / 4.0,
             depth: f64::from(i),
+            depth_weight: f64::from(i % 2),
         }
     }
 
@@ -244,6 +250,7 @@ mod tests {
             assert!((a.m2[c] - whole.m2[c]).abs() < 1e-10, "m2 {c}");
         }
         assert!((a.opacity - whole.opacity).abs() < 1e-12, "opacity");
+        assert_eq!(a.depth_weight, whole.depth_weight);
         assert!((a.depth_mean - whole.depth_mean).abs() < 1e-12, "depth");
     }
 
@@ -276,17 +283,14 @@ mod tests {
     }
 
     #[test]
-    fn depth_is_weighted_by_opacity() {
-        let at = |opacity, depth| Sample {
-            opacity,
+    fn depth_is_weighted() {
+        let at = |depth_weight, depth| Sample {
+            depth_weight,
             depth,
             ..Sample::default()
         };
-        let p = pixel([at(0.5, 1.0), at(0.0, f64::INFINITY), at(1.0, 4.0)].into_iter());
-        assert!(
-            (p.alpha() - 0.5).abs() < 1e-12 && (p.depth_mean - 3.0).abs() < 1e-12,
-            "{p:?}"
-        );
+        let p = pixel([at(0.5, 1.0), at(0.0, 7.0), at(1.0, 4.0)].into_iter());
+        assert!((p.depth_mean - 3.0).abs() < 1e-12, "{p:?}");
     }
 
     #[test]

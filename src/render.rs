@@ -173,11 +173,13 @@ fn render_tile(
             let ray = scene.camera.ray((corner + jitter) * scale);
             let path = context.sample_radiance(ray, &mut stream, &mut counts);
             if path.radiance.is_finite() {
-                let depth = |t| scene.camera.depth(ray.at(t));
+                let depth = |(t, weight)| (scene.camera.depth(ray.at(t)), f64::from(weight));
+                let (depth, depth_weight) = path.first_collision.map_or((0.0, 0.0), depth);
                 batch.add(&Sample {
                     radiance: path.radiance,
                     opacity: f64::from(path.opacity),
-                    depth: path.first_collision.map_or(f64::INFINITY, depth),
+                    depth,
+                    depth_weight,
                 });
             } else {
                 counts.non_finite_samples += 1;

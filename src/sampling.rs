@@ -173,15 +173,15 @@ impl Stream {
         (self.bits() >> 40) as f32 * (1.0 / 16_777_216.0)
     }
 
-    /// Returns a uniform number in (0, 1] with a relative precision of 2⁻²⁴ down to 2⁻⁶⁴.
+    /// Returns a uniform number in (0, 1] with a relative precision of 2⁻²⁴ down to 2⁻⁶³.
     ///
     /// For inversions that are steep near 0: the tail of a free path, the peak of a phase
     /// function.
     #[inline] // bench: frame
     pub fn uniform_positive(&mut self) -> f32 {
-        /// 2⁻⁶⁴.
-        const SCALE: f32 = 1.0 / (1_u128 << 64) as f32;
-        (self.bits() | 1) as f32 * SCALE
+        /// 2⁻⁶³: a signed number converts in one instruction, an unsigned one in eight.
+        const SCALE: f32 = 1.0 / (1_u128 << 63) as f32;
+        (self.bits() >> 1 | 1).cast_signed() as f32 * SCALE
     }
 
     /// Draws from the exponential distribution of mean 1.

@@ -206,10 +206,12 @@ proptest! {
         let tree = build(&recipe);
         let o = recipe.base.as_dvec3() + start;
         let grid = grid(tree.clone());
-        for s in grid.traverse(o, d, 100.0).take(40) {
+        let mut walk = grid.traverse(o, d, 100.0);
+        for _ in 0..40 {
+            let Some(s) = walk.next() else { break };
             let mut sampler = grid.sampler();
             let (mut at, mut sum) = (s.t0, 0.0);
-            for cubic in VoxelWalk::new(&mut sampler, (o, d), s) {
+            for cubic in VoxelWalk::new(&mut sampler, &walk) {
                 prop_assert!(cubic.t0 == at && cubic.t1 >= at, "{cubic:?} after {at}");
                 at = cubic.t1;
                 sum += cubic.integral();

@@ -11,8 +11,9 @@
 
 use glam::{DVec3, IVec3};
 
+use super::bounds::Bound;
 use super::sampler::Sampler;
-use super::traverse::{Segment, smallest};
+use super::traverse::{Segment, Traversal, smallest};
 use crate::space::floor_to_voxel;
 
 /// The value along a ray within one voxel cell.
@@ -131,14 +132,12 @@ pub struct VoxelWalk<'s, 'a> {
 }
 
 impl<'s, 'a> VoxelWalk<'s, 'a> {
-    /// Starts at the beginning of `segment`, which the ray `origin + t · direction`, in index
-    /// space, walked through.
+    /// Starts at the beginning of the segment at hand of `walk`.
     #[inline] // bench: lookup
-    pub fn new(
-        sampler: &'s mut Sampler<'a>,
-        (origin, direction): (DVec3, DVec3),
-        segment: Segment,
-    ) -> Self {
+    pub fn new(sampler: &'s mut Sampler<'a>, walk: &Traversal<'_>) -> Self {
+        let (origin, direction) = walk.ray();
+        // What the bound is does not matter.
+        let segment = walk.segment(Bound::EMPTY);
         let start = floor_to_voxel(origin + direction * segment.t0);
         let cell = start.clamp(segment.first, segment.last);
         let corners = sampler.corners(cell);
@@ -179,7 +178,7 @@ impl Iterator for VoxelWalk<'_, '_> {
         if t0 >= end {
             return None;
         }
-        let axis = smallest(self.exit);
+        let axis = smallest(self.exit.to_array());
         let up = self.inverse[axis] > 0.0;
         let cell = self.cell;
         let next = cell[axis].saturating_add(if up { 1 } else { -1 });

@@ -9,11 +9,12 @@
 //! # Reference
 //! `[Pharr2024]`.
 
-use glam::{DVec3, IVec3};
+use glam::{DVec3, IVec3, UVec3, Vec3};
 
-use super::brick::{self, BRICK_DIM, BRICK_LEN};
+use super::brick::{self, BRICK_DIM, BRICK_LEN, BRICK_LOG2};
 use super::density::DensityGrid;
 use super::directory::Content;
+use super::traverse::Traversal;
 use super::tree::{LOWER_TOTAL_LOG2, Tree, lower_slot};
 use crate::space::floor_to_voxel;
 
@@ -148,6 +149,58 @@ impl<'a> Sampler<'a> {
         // fraction. Three numbers of 21 bits each.
         let u = |shift: u32| (bits >> shift & 0x1f_ffff) as f64 * (1.0 / 2_097_152.0);
         self.value(floor_to_voxel(p_index + DVec3::new(u(0), u(21), u(42))))
+    }
+
+    /// As [`stochastic`](Self::stochastic), at a point `p` in the segment at hand of a walk, given
+    /// relative to its first voxel; clamped into its cell.
+    #[inline] // bench: lookup
+    pub(super) fn stochastic_in_brick(
+        &mut self,
+        slot: usize,
+        p: DVec3,
+        bits: u64,
+    ) -> Result<f32, IVec3> {
+        // At most 8: in f32, good to 2⁻²¹.
+        let q = p.as_vec3().clamp(Vec3::ZERO, Vec3::splat(BRICK_DIM as f32));
+        // A uniform number in (0, 1), of 21 bits, in the mantissa of one in (1, 2).
+        let u = |shift: u32| {
+            #[expect(clippy::cast_possible_truncation, reason = "masked")]
+            let mantissa = (bits >> shift) as u32 & 0x1f_ffff;
+            f32::from_bits(0x3f80_0000 | mantissa << 2 | 2)
+        };
+        // Rounding p + u − 1/2 to the nearest integer is rounding p + u down, and adding 1.5·2²³
+        // leaves that integer in the last bits.
+        let tap = |q: f32, u: f32| ((q + (u - 1.5)) + 12_582_912.0).to_bits() & 15;
+        let (x, y, z) = (tap(q.x, u(0)), tap(q.y, u(21)), tap(q.z, u(42)));
+        if (x | y | z) >> BRICK_LOG2 != 0 {
+            return Err(UVec3::new(x, y, z).as_ivec3());
+        }
+        Ok(match self.tree.lower[slot].get() {
+            Ok(b) => self.tree.values[b * BRICK_LEN + ((x << 6) | (y << 3) | z) as usize],
+            Err(tile) => self.tree.tiles[tile].value,
+        })
+    }
+
+    /// Returns an estimate of the value at `t` in the segment at hand of `walk`, as
+    /// [`stochastic`](Self::stochastic) does.
+    ///
+    /// The point is clamped into the segment's cell, so that rounding cannot carry it past a face,
+    /// where other voxels are read: the value is inside the segment's bound.
+    #[inline] // bench: lookup
+    pub fn stochastic_at(&mut self, walk: &Traversal<'_>, t: f64, bits: u64) -> f32 {
+        if let Some((slot, p)) = walk.at_in_brick(t) {
+            match self.stochastic_in_brick(slot, p, bits) {
+                Ok(value) => value,
+                Err(offset) => self.value(walk.voxels().0 + offset),
+            }
+        } else {
+            self.stochastic(walk.clamped_at(t), bits)
+        }
+    }
+
+    /// Returns the trilinear value at `t` in the segment at hand of `walk`, clamped likewise.
+    pub fn trilinear_at(&mut self, walk: &Traversal<'_>, t: f64) -> f32 {
+        self.trilinear(walk.clamped_at(t))
     }
 }
 

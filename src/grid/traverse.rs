@@ -13,7 +13,7 @@
 
 use glam::{DVec3, IVec3};
 
-use super::bounds::{Bound, Bounds};
+use super::bounds::Bound;
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::density::DensityGrid;
 use super::directory::{self, Content};
@@ -49,42 +49,59 @@ pub enum Cells {
 
 /// An iterator over the segments of a ray whose bound is not zero, in order.
 ///
-/// Space between two segments, before the first and after the last is empty.
-#[derive(Debug)]
+/// Space between two segments, before the first and after the last is empty. At a segment the
+/// walk can [`turn`](Self::turn), as a path does at a collision, and go on from there without
+/// looking for its place again.
+#[derive(Clone, Debug)]
 pub struct Traversal<'a> {
     grid: &'a DensityGrid,
-    bounds: &'a Bounds,
+    /// Bounds of the cells of lower nodes, in the order of the tree's slots.
+    lower: &'a [Bound],
+    /// Origin and direction in cells, an eighth of index space: exact, as eight is a power of two.
     origin: DVec3,
     direction: DVec3,
     /// Reciprocal of the direction; not finite where planes are never crossed.
     inverse: DVec3,
-    /// +1, −1 or 0 for the axes that never cross a plane.
-    step: IVec3,
-    /// The 8³ cell of the ray at `t`, in cells; and the box of those that are occupied.
-    cell: IVec3,
-    first: IVec3,
-    last: IVec3,
-    /// Where the ray leaves that cell, for each axis.
-    exit: DVec3,
-    t: f64,
-    t_end: f64,
-    /// The lower node (16³ cells) that was looked at last, and what it is.
-    node_key: IVec3,
+    /// The 8³ cell at hand, in cells, and where the ray leaves it, for each axis.
+    cell: [i32; 3],
+    exit: [f64; 3],
+    /// What is added to the cell in a step; 0 for the axes that never cross a plane.
+    step: [i32; 3],
+    /// 1 where the plane that is crossed next lies above the cell.
+    ahead: [i32; 3],
+    /// A step in slots of a lower node.
+    stride: [usize; 3],
+    /// The coordinate, for each axis, at which a step has left the node or the box.
+    stop: [i32; 3],
     node: Node,
+    /// Of the cell, in a lower node.
+    slot: usize,
+    /// Where the ray enters and leaves the cell, and over which axis.
+    t0: f64,
+    t1: f64,
+    axis: usize,
+    t_end: f64,
     cells: Cells,
-    done: bool,
 }
 
-/// What a 16³ block of cells is stored as.
+/// What the cell at hand is stored in.
 #[derive(Clone, Copy, Debug)]
 enum Node {
-    /// First slot of a lower node that is not empty.
-    Lower(usize),
+    /// Not known: the start, or a step led out of the last one.
+    Unknown,
+    /// A lower node that is not empty: 16³ cells.
+    Lower,
     /// One bound for a cell of `2^log2` bricks an edge: a tile, or an empty or merged node.
     Large { log2: u32, bound: Bound },
     /// One bound for everything.
     Whole,
 }
+
+/// Slots of a lower node from a cell to the next along each axis.
+const STRIDES: [usize; 3] = [1 << (2 * LOWER_LOG2), 1 << LOWER_LOG2, 1];
+
+/// In place of an axis: the cell at hand has not been visited yet.
+const STAY: usize = 3;
 
 impl<'a> Traversal<'a> {
     /// Starts the walk of `origin + t · direction`, in index space, for t from 0 to `t_max`.
@@ -95,115 +112,165 @@ impl<'a> Traversal<'a> {
         t_max: f64,
         cells: Cells,
     ) -> Self {
-        let bounds = &grid.bounds;
-        let inverse = DVec3::ONE / direction;
-        let signum = |d: f64, inv: f64| match () {
-            () if !inv.is_finite() => 0,
-            () if d > 0.0 => 1,
-            () => -1,
-        };
-        let step = IVec3::new(
-            signum(direction.x, inverse.x),
-            signum(direction.y, inverse.y),
-            signum(direction.z, inverse.z),
-        );
-        // Where root cells are missing there is no density, but a sampler reads the background.
-        let cells = if grid.tree.background() == 0.0 {
-            cells
-        } else {
-            Cells::Bricks
-        };
+        let scale = f64::from(BRICK_DIM).recip();
         let mut walk = Self {
             grid,
-            bounds,
-            origin,
-            direction,
-            inverse,
-            step,
-            cell: IVec3::ZERO,
-            first: IVec3::ZERO,
-            last: IVec3::ZERO,
-            exit: DVec3::ZERO,
-            t: 0.0,
+            lower: &grid.bounds.lower,
+            origin: origin * scale,
+            direction: direction * scale,
+            inverse: DVec3::INFINITY,
+            cell: [0; 3],
+            exit: [f64::INFINITY; 3],
+            step: [0; 3],
+            ahead: [0; 3],
+            stride: [0; 3],
+            stop: [0; 3],
+            node: Node::Unknown,
+            slot: 0,
+            t0: 0.0,
+            t1: 0.0,
+            axis: STAY,
             t_end: t_max,
-            node_key: IVec3::MAX,
-            node: Node::Lower(0),
-            cells,
-            done: true,
+            // Where root cells are missing there is no density, but a sampler reads the background.
+            cells: if grid.tree.background() == 0.0 {
+                cells
+            } else {
+                Cells::Bricks
+            },
         };
-        let Some((first, last)) = bounds.occupied else {
-            return walk;
-        };
-        let size = f64::from(BRICK_DIM);
-        let domain = Aabb {
-            min: first.as_dvec3() * size,
-            max: (last.as_dvec3() + DVec3::ONE) * size,
-        };
-        if let Some((t0, t1)) = domain.intersect_inverse(origin, inverse)
-            && t0 < t1.min(t_max)
-        {
-            walk.t = t0;
-            walk.t_end = t1.min(t_max);
-            (walk.first, walk.last) = (first, last);
-            walk.cell = walk.cell_at(t0).clamp(first, last);
-            walk.exit = DVec3::new(walk.exit(0, 1), walk.exit(1, 1), walk.exit(2, 1));
-            walk.done = false;
-            if let Cells::Merged(below) = cells
-                && f64::from(bounds.whole.max) * (walk.t_end - t0) < below
-            {
-                walk.cells = Cells::Whole;
-            }
-        }
+        walk.start();
         walk
     }
 
-    /// Returns the 8³ cell of the point at `t`, in cells.
-    fn cell_at(&self, t: f64) -> IVec3 {
-        floor_to_voxel((self.origin + self.direction * t) * (1.0 / f64::from(BRICK_DIM)))
+    /// Finds the cell in which the ray starts, or where it enters the box.
+    fn start(&mut self) {
+        let inverse = DVec3::ONE / self.direction;
+        let Some((first, last)) = self.grid.bounds.occupied else {
+            self.t_end = 0.0;
+            return;
+        };
+        let domain = Aabb {
+            min: first.as_dvec3(),
+            max: last.as_dvec3() + DVec3::ONE,
+        };
+        let Some((t0, t1)) = domain.intersect_inverse(self.origin, inverse) else {
+            self.t_end = 0.0;
+            return;
+        };
+        self.t_end = self.t_end.min(t1);
+        (self.t0, self.t1) = (t0, t0);
+        self.cell = floor_to_voxel(self.at(t0)).clamp(first, last).to_array();
+        self.axis = STAY;
+        let is_whole = match self.cells {
+            Cells::Whole => true,
+            Cells::Bricks => false,
+            Cells::Merged(below) => {
+                f64::from(self.grid.bounds.whole.max) * (self.t_end - t0) < below
+            }
+        };
+        self.node = if is_whole { Node::Whole } else { Node::Unknown };
+        self.aim(inverse);
     }
 
-    /// Returns where the ray leaves, along `axis`, the block of `size` cells that holds `cell`.
+    /// Sets what follows from the direction and the cell.
+    #[inline] // bench: frame
+    fn aim(&mut self, inverse: DVec3) {
+        self.inverse = inverse;
+        for axis in 0..3 {
+            let inverse = inverse[axis];
+            let up = inverse > 0.0;
+            let (step, stride) = if up {
+                (1, STRIDES[axis])
+            } else {
+                (-1, STRIDES[axis].wrapping_neg())
+            };
+            self.step[axis] = step;
+            self.stride[axis] = stride;
+            self.ahead[axis] = i32::from(up);
+            self.exit[axis] = self.plane_at(axis, self.cell[axis] + i32::from(up));
+            if !inverse.is_finite() {
+                self.step[axis] = 0;
+                self.exit[axis] = f64::INFINITY;
+            }
+        }
+    }
+
+    /// Goes on from the point at `t` of the segment at hand in another direction, given in index
+    /// space, for distances from there up to `t_max`: the next segment starts at 0.
+    #[inline] // bench: frame
+    pub fn turn(&mut self, t: f64, direction: DVec3, t_max: f64) {
+        self.origin = self.at(t);
+        self.direction = direction * f64::from(BRICK_DIM).recip();
+        self.t_end = t_max;
+        if !matches!(self.node, Node::Lower) {
+            self.start();
+            return;
+        }
+        // Rounding may have put the origin just outside of the cell, whose exit is then below 0:
+        // an empty segment.
+        (self.t0, self.t1) = (0.0, 0.0);
+        self.axis = STAY;
+        self.aim(DVec3::ONE / self.direction);
+        self.set_stops();
+    }
+
+    /// Returns the point at `t`, in cells.
     #[inline] // bench: traversal
+    fn at(&self, t: f64) -> DVec3 {
+        self.origin + self.direction * t
+    }
+
+    /// Returns origin and direction of the ray, in index space.
+    #[inline] // bench: frame
+    pub fn ray(&self) -> (DVec3, DVec3) {
+        let scale = f64::from(BRICK_DIM);
+        (self.origin * scale, self.direction * scale)
+    }
+
+    /// Returns where the ray crosses the plane at `plane` cells along `axis`.
+    #[inline] // bench: traversal
+    fn plane_at(&self, axis: usize, plane: i32) -> f64 {
+        (f64::from(plane) - self.origin[axis]) * self.inverse[axis]
+    }
+
+    /// Returns where the ray leaves, along `axis`, the block of `size` cells that holds the cell.
     fn exit(&self, axis: usize, size: i32) -> f64 {
         if self.step[axis] == 0 {
             return f64::INFINITY;
         }
         let low = self.cell[axis] & !(size - 1);
-        let plane = f64::from(if self.step[axis] > 0 { low + size } else { low });
-        (plane * f64::from(BRICK_DIM) - self.origin[axis]) * self.inverse[axis]
+        self.plane_at(axis, low + size * self.ahead[axis])
     }
 
-    /// Moves to the cell at the end of a small step over the plane of `axis`.
+    /// Moves to the next cell, over the plane of `axis`.
     #[inline] // bench: traversal
     fn advance(&mut self, axis: usize) {
-        self.cell[axis] += self.step[axis];
-        self.done |= self.cell[axis] < self.first[axis] || self.cell[axis] > self.last[axis];
-        self.exit[axis] = self.exit(axis, 1);
+        let cell = self.cell[axis] + self.step[axis];
+        self.cell[axis] = cell;
+        self.slot = self.slot.wrapping_add(self.stride[axis]);
+        self.exit[axis] = self.plane_at(axis, cell + self.ahead[axis]);
+        if cell == self.stop[axis] {
+            self.node = Node::Unknown;
+        }
     }
 
-    /// Moves past the block of `size` cells that holds the cell; returns where it ends.
-    fn leap(&mut self, size: i32) -> f64 {
-        let exit = DVec3::new(self.exit(0, size), self.exit(1, size), self.exit(2, size));
-        let axis = smallest(exit);
-        let t1 = exit[axis].max(self.t);
+    /// Moves past the block of `size` cells that holds the cell.
+    fn leap(&mut self, size: i32) {
         // Where the ray leaves, on the other axes: within the block, and never backwards.
-        let block = self.cell & !(size - 1);
-        let inside = self.cell_at(t1).clamp(block, block + (size - 1));
+        let block = IVec3::from_array(self.cell) & !(size - 1);
+        let inside = floor_to_voxel(self.at(self.t1)).clamp(block, block + (size - 1));
         for other in 0..3 {
-            self.cell[other] = match self.step[other] {
-                1 => inside[other].max(self.cell[other]),
-                -1 => inside[other].min(self.cell[other]),
-                _ => self.cell[other],
+            let cell = &mut self.cell[other];
+            *cell = match self.step[other] {
+                1 => inside[other].max(*cell),
+                -1 => inside[other].min(*cell),
+                _ => *cell,
             };
         }
-        self.cell[axis] = if self.step[axis] > 0 {
-            block[axis] + size
-        } else {
-            block[axis] - 1
-        };
-        self.done |= self.cell.cmplt(self.first).any() || self.cell.cmpgt(self.last).any();
-        self.exit = DVec3::new(self.exit(0, 1), self.exit(1, 1), self.exit(2, 1));
-        t1
+        let axis = self.axis;
+        self.cell[axis] = block[axis] + if self.step[axis] > 0 { size } else { -1 };
+        self.exit = [self.exit(0, 1), self.exit(1, 1), self.exit(2, 1)];
+        self.node = Node::Unknown;
     }
 
     /// Returns whether the 128³ node that holds the cell, of this bound, is walked as one.
@@ -214,28 +281,31 @@ impl<'a> Traversal<'a> {
         let size = 1 << LOWER_LOG2;
         let exit = self.exit(0, size).min(self.exit(1, size));
         let exit = exit.min(self.exit(2, size)).min(self.t_end);
-        f64::from(bound.max) * (exit - self.t) < below
+        f64::from(bound.max) * (exit - self.t1) < below
     }
 
-    #[inline(never)] // Once in 16 steps: inlined it would crowd the others.
-    fn look_up_node(&mut self) {
-        if self.cells == Cells::Whole {
-            self.node = Node::Whole;
-            return;
-        }
-        self.node_key = self.cell >> LOWER_LOG2;
+    /// Finds out what holds the cell, or ends the walk if it is outside of the box.
+    fn enter_node(&mut self) {
         let DensityGrid {
             tree,
             bounds,
             directory,
             ..
         } = self.grid;
-        let directory::Node { bound, content } = directory.node(tree, bounds, self.node_key);
+        let cell = IVec3::from_array(self.cell);
+        let (first, last) = bounds.occupied.unwrap_or((IVec3::ONE, IVec3::ZERO));
+        if cell.cmplt(first).any() || cell.cmpgt(last).any() {
+            self.t_end = self.t1;
+            return;
+        }
+        let directory::Node { bound, content } = directory.node(tree, bounds, cell >> LOWER_LOG2);
         self.node = match content {
             Content::Lower(base)
                 if bound.max > 0.0 && !bound.is_constant() && !self.merges(bound) =>
             {
-                Node::Lower(base)
+                self.slot = base + lower_slot(cell << BRICK_LOG2);
+                self.set_stops();
+                Node::Lower
             }
             Content::Lower(_) => Node::Large {
                 log2: LOWER_LOG2,
@@ -244,6 +314,150 @@ impl<'a> Traversal<'a> {
             Content::Tile { log2, .. } => Node::Large { log2, bound },
         };
     }
+
+    /// Finds where steps will leave the lower node that holds the cell.
+    #[inline] // bench: frame
+    fn set_stops(&mut self) {
+        const SIZE: i32 = 1 << LOWER_LOG2;
+        let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
+        for axis in 0..3 {
+            let node = self.cell[axis] & !(SIZE - 1);
+            self.stop[axis] = if self.ahead[axis] == 1 {
+                (node + SIZE).min(last[axis] + 1)
+            } else {
+                (node - 1).max(first[axis] - 1)
+            };
+        }
+    }
+
+    /// Goes on to the next cell whose bound is not zero; returns its bound, or `None` at the end.
+    #[inline] // bench: traversal
+    pub fn next_bound(&mut self) -> Option<Bound> {
+        loop {
+            let t0 = self.t1;
+            if t0 >= self.t_end {
+                return None;
+            }
+            if !matches!(self.node, Node::Lower) {
+                if self.step_large() {
+                    return Some(self.large_bound());
+                }
+                continue;
+            }
+            if self.axis != STAY {
+                self.advance(self.axis);
+                if !matches!(self.node, Node::Lower) {
+                    self.axis = STAY;
+                    continue;
+                }
+            }
+            let axis = smallest(self.exit);
+            let t1 = self.exit[axis].max(t0);
+            self.axis = axis;
+            self.t0 = t0;
+            self.t1 = t1;
+            let bound = self.lower[self.slot];
+            if bound.max > 0.0 && t1 > t0 {
+                return Some(bound);
+            }
+        }
+    }
+
+    /// A step where the cell is not known to lie in a lower node; returns whether it led to a
+    /// segment that is not empty.
+    #[cold]
+    #[inline(never)]
+    fn step_large(&mut self) -> bool {
+        if let Node::Large { log2, .. } = self.node
+            && self.axis != STAY
+        {
+            self.leap(1 << log2);
+            self.axis = STAY;
+        }
+        if let Node::Unknown = self.node {
+            self.enter_node();
+        }
+        let size = match self.node {
+            Node::Unknown | Node::Lower => return false,
+            Node::Large { log2, .. } => 1 << log2,
+            Node::Whole => {
+                (self.t0, self.t1) = (self.t1, self.t_end);
+                return self.grid.bounds.whole.max > 0.0;
+            }
+        };
+        let exit = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
+        self.axis = smallest(exit);
+        (self.t0, self.t1) = (self.t1, exit[self.axis].max(self.t1));
+        self.large_bound().max > 0.0 && self.t1 > self.t0
+    }
+
+    /// Returns the bound of a segment that is larger than a brick.
+    fn large_bound(&self) -> Bound {
+        match self.node {
+            Node::Large { bound, .. } => bound,
+            _ => self.grid.bounds.whole,
+        }
+    }
+
+    /// Returns where the segment at hand starts and ends.
+    #[inline] // bench: traversal
+    pub fn interval(&self) -> (f64, f64) {
+        (self.t0, self.t1.min(self.t_end))
+    }
+
+    /// Returns the slot of the brick or tile of the segment at hand, with the point at `t`
+    /// relative to its first voxel; `None` in a larger cell.
+    #[inline] // bench: frame
+    pub(super) fn at_in_brick(&self, t: f64) -> Option<(usize, DVec3)> {
+        let [x, y, z] = self.cell.map(f64::from);
+        let p = (self.at(t) - DVec3::new(x, y, z)) * f64::from(BRICK_DIM);
+        matches!(self.node, Node::Lower).then_some((self.slot, p))
+    }
+
+    /// Returns the first voxel of the cell at hand and how many the cell has along each edge.
+    #[inline] // bench: frame
+    pub(super) fn voxels(&self) -> (IVec3, IVec3) {
+        let size = match self.node {
+            Node::Whole => {
+                let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
+                return (first << BRICK_LOG2, (last - first + 1) << BRICK_LOG2);
+            }
+            Node::Large { log2, .. } => 1 << log2,
+            Node::Unknown | Node::Lower => 1,
+        };
+        let first = IVec3::from_array(self.cell) & !(size - 1);
+        (first << BRICK_LOG2, IVec3::splat(size << BRICK_LOG2))
+    }
+
+    /// Returns the edge of the cell at hand in voxels; of the whole grid, along x.
+    #[inline] // bench: frame
+    pub fn edge(&self) -> f32 {
+        if matches!(self.node, Node::Lower) {
+            return BRICK_DIM as f32;
+        }
+        self.voxels().1.x as f32
+    }
+
+    /// Returns the point at `t`, in index space, clamped into the cell of the segment at hand.
+    pub(super) fn clamped_at(&self, t: f64) -> DVec3 {
+        let (first, size) = self.voxels();
+        let p = self.at(t) * f64::from(BRICK_DIM);
+        p.max(first.as_dvec3()).min((first + size).as_dvec3())
+    }
+
+    /// Returns the segment at hand, of this bound.
+    #[inline] // bench: traversal
+    pub(super) fn segment(&self, bound: Bound) -> Segment {
+        let (t0, t1) = self.interval();
+        let (first, size) = self.voxels();
+        Segment {
+            t0,
+            t1,
+            bound,
+            first,
+            last: first + (size - 1),
+        }
+    }
 }
 
 impl Iterator for Traversal<'_> {
@@ -251,57 +465,18 @@ impl Iterator for Traversal<'_> {
 
     #[inline] // bench: traversal
     fn next(&mut self) -> Option<Segment> {
-        loop {
-            if self.done || self.t >= self.t_end {
-                return None;
-            }
-            if self.cell >> LOWER_LOG2 != self.node_key {
-                self.look_up_node();
-            }
-            let t0 = self.t;
-            let (bound, first, last, t1) = match self.node {
-                Node::Lower(base) => {
-                    let voxel = self.cell << BRICK_LOG2;
-                    let bound = self.bounds.lower[base + lower_slot(voxel)];
-                    let axis = smallest(self.exit);
-                    let t1 = self.exit[axis].max(t0);
-                    self.advance(axis);
-                    (bound, voxel, voxel + (BRICK_DIM - 1), t1)
-                }
-                Node::Large { log2, bound } => {
-                    let size = 1 << log2;
-                    let cell = (self.cell & !(size - 1)) << BRICK_LOG2;
-                    let t1 = self.leap(size);
-                    (bound, cell, cell + ((size << BRICK_LOG2) - 1), t1)
-                }
-                Node::Whole => {
-                    self.done = true;
-                    let last = (self.last << BRICK_LOG2) + (BRICK_DIM - 1);
-                    let bound = self.bounds.whole;
-                    (bound, self.first << BRICK_LOG2, last, self.t_end)
-                }
-            };
-            self.t = t1;
-            let t1 = t1.min(self.t_end);
-            if bound.max > 0.0 && t1 > t0 {
-                return Some(Segment {
-                    t0,
-                    t1,
-                    bound,
-                    first,
-                    last,
-                });
-            }
-        }
+        let bound = self.next_bound()?;
+        Some(self.segment(bound))
     }
 }
 
 /// Returns the axis of the smallest component.
 #[inline] // bench: traversal
-pub(super) fn smallest(v: DVec3) -> usize {
-    if v.x <= v.y {
-        if v.x <= v.z { 0 } else { 2 }
-    } else if v.y <= v.z {
+pub(super) fn smallest(v: [f64; 3]) -> usize {
+    let [x, y, z] = v;
+    if x <= y {
+        if x <= z { 0 } else { 2 }
+    } else if y <= z {
         1
     } else {
         2

@@ -47,7 +47,7 @@ pub(super) fn sample_radiance(
                 opacity: if first_collision.is_some() { 1.0 } else { 0.0 },
             };
         };
-        first_collision.get_or_insert(t);
+        first_collision.get_or_insert((t, 1.0));
         let albedo = medium.albedo();
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {

@@ -94,27 +94,27 @@ impl Guide {
         }
     }
 
-    /// Estimates the square root of the transmittance from `p_world` to sun `index`. The root,
+    /// Estimates the square root of the transmittance from `p_index`, in index space, to sun `index`. The root,
     /// since the estimate is coarse and being too pessimistic costs variance.
     #[inline] // bench: frame
-    pub(super) fn root_transmittance(&self, index: usize, p_world: DVec3) -> f32 {
+    pub(super) fn root_transmittance(&self, index: usize, p_index: DVec3) -> f32 {
         self.suns
             .get(index)
-            .map_or(1.0, |s| s.columns.root_transmittance(p_world))
+            .map_or(1.0, |s| s.columns.root_transmittance(p_index))
     }
 
-    /// Draws a direction of propagation after scattering at `p_world` out of `direction`, with
+    /// Draws a direction of propagation after scattering at `p_index` out of `direction`, with
     /// its weight.
     pub(super) fn sample(
         &self,
         phase: Phase,
-        p_world: DVec3,
+        p_index: DVec3,
         direction: DVec3,
         stream: &mut Stream,
     ) -> (DVec3, f32) {
         let g = phase.mean_cosine();
         let lobes = self.suns.iter().map(|sun| {
-            let weight = sun.lobe_weight * sun.columns.root_transmittance(p_world);
+            let weight = sun.lobe_weight * sun.columns.root_transmittance(p_index);
             (sun.direction, weight)
         });
         if g.abs() < LEAST_G || !lobes.clone().any(|(_, weight)| weight > LEAST_WEIGHT) {

@@ -15,6 +15,7 @@ mod primary;
 use serde::{Deserialize, Serialize};
 
 use self::guide::Guide;
+pub use self::primary::Kernel;
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::sampling::{SamplerKind, Stream};
@@ -87,7 +88,8 @@ pub struct Context<'a> {
     lights: &'a Lights,
     settings: TransportSettings,
     guide: Option<Guide>,
-    camera_ray: primary::Plan,
+    kernel: Option<Kernel>,
+    params: [f32; 3],
 }
 
 impl<'a> Context<'a> {
@@ -100,7 +102,10 @@ impl<'a> Context<'a> {
         lights: &'a Lights,
         settings: TransportSettings,
     ) -> Self {
-        let tracking = medium.map_or(settings.tracking, |m| {
+        let kernel = medium.map(|m| Kernel::new(&settings, m));
+        // Nothing scatters: no path to survey for, and no light to find.
+        let scatters = kernel != Some(Kernel::Transmittance);
+        let tracking = medium.filter(|_| scatters).map_or(settings.tracking, |m| {
             let survey = Survey::new(m, &settings.tracking);
             settings.tracking.fitted(&survey)
         });
@@ -108,14 +113,16 @@ impl<'a> Context<'a> {
             tracking,
             ..settings
         };
-        let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
+        let is_path = settings.integrator == IntegratorKind::Path;
+        let guided = is_path && scatters && !lights.distant.is_empty();
         let guide = medium.filter(|_| guided).map(|m| Guide::new(m, lights));
         Self {
             medium,
             lights,
             settings,
             guide,
-            camera_ray: primary::Plan::from_env(),
+            kernel,
+            params: primary::params(),
         }
     }
 }
@@ -125,10 +132,11 @@ impl<'a> Context<'a> {
 pub struct PathSample {
     /// Radiance towards the camera.
     pub radiance: Rgb,
-    /// World distance to the camera ray's collision; `None` if it left without one.
-    pub first_collision: Option<f64>,
-    /// What that stands for: the opacity along the camera ray, estimated.
+    /// Opacity along the camera ray, estimated.
     pub opacity: f32,
+    /// World distance to the camera ray's collision, with its weight in the mean of such distances; `None`
+    /// if it left without one.
+    pub first_collision: Option<(f64, f32)>,
 }
 
 impl Context<'_> {

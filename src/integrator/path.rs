@@ -15,9 +15,8 @@
 
 use super::Context;
 use crate::light::DistantLight;
-use crate::medium::Medium;
+use crate::medium::MediumRay;
 use crate::sampling::Stream;
-use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
 use crate::tracking::Tracking;
@@ -41,12 +40,12 @@ const LEAST_CONTRIBUTION: f32 = 0.05;
 /// 4.7 (5.7), 4.5 (7.2); two clouds lie between.
 const LEAST_BELIEF: f32 = 0.05;
 
-/// Returns an unbiased sample of the radiance that a collision at `t` of the camera ray `ray`
-/// sends along it, times `weight`.
+/// Returns an unbiased sample of the radiance that a collision at `t` of a camera ray's walk
+/// towards `direction` sends along it, times `weight`.
 pub(super) fn scattered_radiance(
     context: &Context<'_>,
-    medium: &Medium,
-    (mut ray, mut t): (Ray, f64),
+    (mut walk, mut t): (MediumRay<'_>, f64),
+    mut direction: DVec3,
     weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
@@ -62,7 +61,7 @@ pub(super) fn scattered_radiance(
     let mut throughput = Rgb::splat(weight);
     let mut bounces = 0;
     loop {
-        let p = ray.at(t);
+        let medium = walk.medium();
         if settings.max_bounces == Some(bounces) {
             return radiance;
         }
@@ -79,31 +78,28 @@ pub(super) fn scattered_radiance(
         }
 
         let vertex = Vertex {
-            p,
-            direction: ray.direction,
+            walk: &walk,
+            t,
+            direction,
             throughput,
         };
-        let mut direction = None;
+        let mut next = None;
         if let Some(guide) = guide {
+            let p = walk.index_position(t);
             for (i, sun) in lights.distant.iter().enumerate() {
                 let believed = guide.root_transmittance(i, p).max(LEAST_BELIEF);
                 let worth = believed / least;
-                radiance +=
-                    vertex.direct_light(medium, &settings.tracking, sun, worth, stream, counts);
+                radiance += vertex.direct_light(&settings.tracking, sun, worth, stream, counts);
             }
-            let (guided, weight) = guide.sample(medium.phase(), p, ray.direction, stream);
+            let (guided, weight) = guide.sample(medium.phase(), p, direction, stream);
             throughput *= weight;
-            direction = Some(guided);
+            next = Some(guided);
         }
         counts.scattered_rays += 1;
-        ray = Ray {
-            origin: p,
-            direction: direction.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
-        };
-        let next = settings
-            .tracking
-            .sample_collision(medium, &ray, f64::INFINITY, stream, counts);
-        match next {
+        direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
+        walk.turn(t, direction);
+        let further = settings.tracking.next_collision(&mut walk, stream, counts);
+        match further {
             Some(further) => t = further,
             None => return radiance + throughput * lights.environment,
         }
@@ -111,22 +107,23 @@ pub(super) fn scattered_radiance(
 }
 
 /// A scattering event.
-struct Vertex {
-    p: DVec3,
+struct Vertex<'w, 'm> {
+    /// The walk that met it, at `t`.
+    walk: &'w MediumRay<'m>,
+    t: f64,
     /// In which the path arrives, coming from the camera.
     direction: DVec3,
     /// Albedo included.
     throughput: Rgb,
 }
 
-impl Vertex {
+impl Vertex<'_, '_> {
     /// Returns an unbiased estimate of a sun's light that scatters here towards the camera.
     ///
     /// `worth` is what a contribution of 1 is expected to be worth in shadow rays: below 1, the
     /// ray is traced with that probability. On its way, roulette goes on by the same measure.
     fn direct_light(
         &self,
-        medium: &Medium,
         tracking: &Tracking,
         sun: &DistantLight,
         worth: f32,
@@ -136,7 +133,11 @@ impl Vertex {
         let light = sun.sample(stream);
         // The path runs from the camera, so light travels the other way on both legs; the
         // cosine between the directions of propagation is the same.
-        let phase = medium.phase().eval(self.direction.dot(light.direction));
+        let phase = self
+            .walk
+            .medium()
+            .phase()
+            .eval(self.direction.dot(light.direction));
         let unoccluded = self.throughput * light.weight * phase;
         let worth = unoccluded.max_channel() * worth;
         if worth < 1.0 && stream.uniform() >= worth {
@@ -144,14 +145,11 @@ impl Vertex {
         }
         // At least the probability of having come here: zero cannot.
         let probability = worth.min(1.0);
-        let ray = Ray {
-            origin: self.p,
-            direction: light.direction,
-        };
         counts.shadow_rays += 1;
         let least = worth.recip().min(1.0);
+        let from = (self.walk, self.t);
         let transmittance =
-            tracking.estimate_transmittance(medium, &ray, f64::INFINITY, least, stream, counts);
+            tracking.transmittance_from(from, light.direction, least, stream, counts);
         unoccluded * (transmittance / probability)
     }
 }

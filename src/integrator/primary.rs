@@ -1,29 +1,76 @@
-//! The camera ray of the path integrator: what shines through, and where it scatters.
+//! The camera ray of the path integrator: what shines through, and where its path goes on.
+//!
+//! A camera ray that either collides or escapes is noise: in a thin medium, where both are likely
+//! and worth different radiances, most of the noise there is. So where it pays, one walk estimates
+//! the transmittance `T` and finds a collision that stands for `1 − T` (see `ExpectedFlight`), and
+//! the radiance is
+//!
+//! ```text
+//! T · behind + (1 − T) · scattered
+//! ```
+//!
+//! Few paths go on from pixels that are nearly empty: roulette keeps one with probability `q`, and
+//! what it adds or leaves out is the difference to the sky, not to black, so that the radiance is
+//!
+//! ```text
+//! T · behind + (1 − T) · sky + (kept ? (1 − T) / q · (scattered − sky) : 0)
+//! ```
+//!
+//! With `q = 1 − T` that is the analog camera ray; `q` is [`SURVIVAL`] times as much. All weights
+//! are positive.
+//!
+//! Where nothing scatters there are no paths, and camera rays are estimates of the transmittance.
 
-use super::{Context, PathSample, path};
+use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, path};
+use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
 use crate::space::Ray;
+use crate::spectrum::Rgb;
 use crate::stats::Counts;
 
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Plan {
-    analog_below: f32,
-    boost: f32,
+/// Probability for a path to go on, for each unit of opacity.
+const SURVIVAL: f32 = 4.0;
+
+/// Weight below which what is left of a camera ray collides or escapes.
+const ANALOG_BELOW: f32 = 0.1;
+
+/// In absorbing media, one camera ray in this many also looks for its first collision, for the
+/// depth of the image alone.
+const DEPTH_EVERY: f32 = 16.0;
+
+/// What is done for each camera ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// It collides or escapes.
+    Analog,
+    /// Both, each with its weight.
+    Expected,
+    /// Nothing scatters: its transmittance is all.
+    Transmittance,
 }
 
-impl Plan {
-    pub(super) fn from_env() -> Self {
-        let get = |k: &str, d: f32| {
-            std::env::var(k)
-                .ok()
-                .and_then(|s| s.parse().ok())
-                .unwrap_or(d)
-        };
-        Self {
-            analog_below: get("AB", 0.1),
-            boost: get("BOOST", 2.0),
+impl Kernel {
+    /// Returns what the settings ask for, or what suits the medium.
+    pub fn new(settings: &TransportSettings, medium: &Medium) -> Self {
+        match settings.camera_ray {
+            _ if settings.integrator == IntegratorKind::Analog => Self::Analog,
+            CameraRay::Analog => Self::Analog,
+            CameraRay::Expected => Self::Expected,
+            CameraRay::Auto if medium.albedo().is_black() => Self::Transmittance,
+            CameraRay::Auto => Self::Expected,
         }
     }
+}
+
+fn env(k: &str, d: f32) -> f32 {
+    std::env::var(k).ok().and_then(|s| s.parse().ok()).unwrap_or(d)
+}
+pub(super) fn params() -> [f32; 3] {
+    [
+        env("AB", ANALOG_BELOW),
+        env("BOOST", SURVIVAL),
+        env("RW", 0.1),
+    ]
 }
 
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
@@ -33,49 +80,120 @@ pub(super) fn sample_radiance(
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
-    let Context {
-        medium,
-        lights,
-        settings,
-        camera_ray,
-        ..
-    } = *context;
-    let behind = lights.radiance(ray.direction);
-    let Some(medium) = medium else {
+    let Some((medium, kernel)) = context.medium.zip(context.kernel) else {
         return PathSample {
-            radiance: behind,
-            first_collision: None,
+            radiance: context.lights.radiance(ray.direction),
             opacity: 0.0,
+            first_collision: None,
         };
     };
+    match kernel {
+        Kernel::Analog => analog(context, medium, ray, stream, counts),
+        Kernel::Expected => expected(context, medium, ray, stream, counts),
+        Kernel::Transmittance => transmittance(context, medium, ray, stream, counts),
+    }
+}
+
+fn analog(
+    context: &Context<'_>,
+    medium: &Medium,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let tracking = &context.settings.tracking;
+    let mut walk = tracking.start_path(medium, &ray);
+    match tracking.next_collision(&mut walk, stream, counts) {
+        None => PathSample {
+            radiance: context.lights.radiance(ray.direction),
+            opacity: 0.0,
+            first_collision: None,
+        },
+        Some(t) => PathSample {
+            radiance: path::scattered_radiance(
+                context,
+                (walk, t),
+                ray.direction,
+                1.0,
+                stream,
+                counts,
+            ),
+            opacity: 1.0,
+            first_collision: Some((t, 1.0)),
+        },
+    }
+}
+
+fn expected(
+    context: &Context<'_>,
+    medium: &Medium,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let Context {
+        lights, settings, ..
+    } = *context;
     let number = stream.number(Number::Collision);
     let flight = settings.tracking.expected_flight(
         medium,
         &ray,
-        (camera_ray.analog_below, number),
+        (context.params[0], number),
         stream,
         counts,
     );
-    let through = behind * flight.transmittance;
     let opacity = 1.0 - flight.transmittance;
+    let through = lights.radiance(ray.direction) * flight.transmittance;
+    let sky = |weight: f32| through + lights.environment * weight;
     let Some(t) = flight.collision else {
         return PathSample {
-            radiance: through,
-            first_collision: None,
+            radiance: sky(opacity),
             opacity,
+            first_collision: None,
         };
     };
-    // Roulette about the sky.
-    let survival = (camera_ray.boost * opacity).min(1.0);
-    let mut radiance = through + lights.environment * opacity;
-    if survival >= 1.0 || stream.number(Number::Roulette) < survival {
+    let survival = (context.params[1] * opacity).min(1.0);
+    let radiance = if stream.number(Number::Roulette) < survival {
         let weight = opacity / survival;
-        radiance = through + lights.environment * (opacity - weight);
-        radiance += path::scattered_radiance(context, medium, (ray, t), weight, stream, counts);
-    }
+        let from = Ray {
+            origin: ray.at(t),
+            ..ray
+        };
+        let walk = (settings.tracking.start_path(medium, &from), 0.0);
+        let scattered =
+            path::scattered_radiance(context, walk, ray.direction, weight, stream, counts);
+        sky(opacity - weight) + scattered
+    } else {
+        counts.roulette_kills += 1;
+        sky(opacity)
+    };
     PathSample {
         radiance,
-        first_collision: Some(t),
         opacity,
+        first_collision: Some((t, opacity)),
+    }
+}
+
+fn transmittance(
+    context: &Context<'_>,
+    medium: &Medium,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let tracking = &context.settings.tracking;
+    let end = f64::INFINITY;
+    let least = context.params[2];
+    let transmittance = tracking.estimate_transmittance(medium, &ray, end, least, stream, counts);
+    let first_collision = if stream.uniform() * DEPTH_EVERY < 1.0 {
+        let t = tracking.sample_collision(medium, &ray, end, stream, counts);
+        t.map(|t| (t, 1.0))
+    } else {
+        None
+    };
+    PathSample {
+        radiance: context.lights.radiance(ray.direction) * transmittance,
+        opacity: 1.0 - transmittance,
+        first_collision,
     }
 }

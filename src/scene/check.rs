@@ -27,9 +27,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel: 72 of running statistics in the film, and twice the four half and five
+/// Bytes for a pixel: 80 of running statistics in the film, and twice the four half and five
 /// float channels of the image, plain and compressed, while it is written.
-const BYTES_PER_PIXEL: u64 = 72 + 2 * (4 * 2 + 5 * 4);
+const BYTES_PER_PIXEL: u64 = 80 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volume not yet loaded.
 #[derive(Clone, Debug)]

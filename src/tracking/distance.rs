@@ -121,7 +121,7 @@ impl FreeFlight {
     #[inline] // bench: frame
     pub(super) fn sample(
         self,
-        mut ray: MediumRay<'_>,
+        ray: &mut MediumRay<'_>,
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Option<f64> {
@@ -131,7 +131,7 @@ impl FreeFlight {
             exact_above: self.exact_above * ray.voxels_per_length(),
             accepted: None,
         };
-        walk(&mut ray, stream, counts, &mut visitor);
+        walk(ray, stream, counts, &mut visitor);
         visitor.accepted
     }
 }

@@ -2,6 +2,7 @@
 
 use std::fmt;
 
+use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::distance::{self, FreeFlight};
@@ -9,7 +10,7 @@ use super::expected::{Expected, ExpectedFlight};
 use super::power_series::power_series;
 use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
-use crate::medium::{Medium, Segments};
+use crate::medium::{Medium, MediumRay, Segments};
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::stats::Counts;
@@ -150,6 +151,25 @@ impl Tracking {
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Option<f64> {
+        let mut ray = medium.ray_over(ray, t_max, self.flight_segments());
+        self.next_collision(&mut ray, stream, counts)
+    }
+
+    /// Prepares the flights of a path that starts with `ray`.
+    #[inline] // bench: frame
+    pub fn start_path<'a>(&self, medium: &'a Medium, ray: &Ray) -> MediumRay<'a> {
+        medium.ray_over(ray, f64::INFINITY, self.flight_segments())
+    }
+
+    /// As [`sample_collision`](Self::sample_collision), on a walk that
+    /// [`start_path`](Self::start_path) has made and that may have turned since.
+    #[inline] // bench: frame
+    pub fn next_collision(
+        &self,
+        ray: &mut MediumRay<'_>,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Option<f64> {
         let (decompose, exact_above) = match self.distance {
             DistanceEstimator::Auto => (true, distance::EXACT_COLLISIONS_PER_VOXEL),
             DistanceEstimator::ClosedForm | DistanceEstimator::Regular => (true, 0.0),
@@ -161,13 +181,6 @@ impl Tracking {
             decompose,
             exact_above,
         };
-        // Cell by cell, larger segments would hide empty bricks.
-        let segments = if exact_above == 0.0 {
-            Segments::Bricks
-        } else {
-            self.segments()
-        };
-        let ray = medium.ray_over(ray, t_max, segments);
         flight.sample(ray, stream, counts)
     }
 
@@ -198,7 +211,7 @@ impl Tracking {
             number,
             rest_from: None,
         };
-        let segments = medium.ray_over(ray, f64::INFINITY, self.segments());
+        let segments = self.start_path(medium, ray);
         walk.walk(segments, stream, counts);
         // Zero: no rest is left.
         if let Some(t) = walk.rest_from.filter(|_| walk.weight > 0.0) {
@@ -216,6 +229,45 @@ impl Tracking {
             transmittance: walk.weight,
             collision: walk.chosen,
         }
+    }
+
+    /// As [`estimate_transmittance`](Self::estimate_transmittance), from distance `t` in the
+    /// current segment of a path's walk towards `direction`, a unit vector in world space.
+    #[inline] // bench: frame
+    pub fn transmittance_from(
+        &self,
+        (path, t): (&MediumRay<'_>, f64),
+        direction: DVec3,
+        roulette_weight: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> f32 {
+        let tracks = !matches!(
+            self.transmittance,
+            TransmittanceEstimator::Delta
+                | TransmittanceEstimator::PowerSeries
+                | TransmittanceEstimator::ApproxRayMarching
+        );
+        if !tracks || self.flight_segments() != self.shadow_segments() {
+            let medium = path.medium();
+            let ray = Ray {
+                origin: path.world_position(t),
+                direction,
+            };
+            let t_max = f64::INFINITY;
+            return self.estimate_transmittance(
+                medium,
+                &ray,
+                t_max,
+                roulette_weight,
+                stream,
+                counts,
+            );
+        }
+        let mut ray = path.clone();
+        ray.turn(t, direction);
+        self.attenuation()
+            .estimate(ray, roulette_weight, stream, counts)
     }
 
     /// Estimates the transmittance from 0 to `t_max`, unbiased unless ray marching is asked for.
@@ -237,41 +289,64 @@ impl Tracking {
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> f32 {
-        use TransmittanceEstimator as E;
-        let (residual, exact_above) = match self.transmittance {
-            E::Auto => (true, transmittance::EXACT_COLLISIONS_PER_VOXEL),
-            E::ClosedForm | E::Exact => (false, 0.0),
-            E::Ratio => (false, f64::INFINITY),
-            E::ResidualRatio => (true, f64::INFINITY),
-            E::Delta => {
+        match self.transmittance {
+            TransmittanceEstimator::Delta => {
                 let delta = Self {
                     distance: DistanceEstimator::Delta,
                     ..*self
                 };
                 let hit = delta.sample_collision(medium, ray, t_max, stream, counts);
-                return if hit.is_none() { 1.0 } else { 0.0 };
+                if hit.is_none() { 1.0 } else { 0.0 }
             }
-            E::PowerSeries => {
+            TransmittanceEstimator::PowerSeries => {
                 let ray = medium.ray_over(ray, t_max, self.segments());
-                return power_series(ray, self.rate, roulette_weight, stream, counts);
+                power_series(ray, self.rate, roulette_weight, stream, counts)
             }
-            E::ApproxRayMarching => {
+            TransmittanceEstimator::ApproxRayMarching => {
                 let ray = medium.ray(ray, t_max);
-                return approx_ray_marching(ray, self.march_step, stream, counts);
+                approx_ray_marching(ray, self.march_step, stream, counts)
             }
+            _ => {
+                let ray = medium.ray_over(ray, t_max, self.shadow_segments());
+                self.attenuation()
+                    .estimate(ray, roulette_weight, stream, counts)
+            }
+        }
+    }
+
+    /// Returns what the tracking estimators of the transmittance do.
+    #[inline] // bench: frame
+    fn attenuation(&self) -> Attenuation {
+        use TransmittanceEstimator as E;
+        let (residual, exact_above) = match self.transmittance {
+            E::ClosedForm | E::Exact => (false, 0.0),
+            E::Ratio => (false, f64::INFINITY),
+            E::ResidualRatio => (true, f64::INFINITY),
+            _ => (true, transmittance::EXACT_COLLISIONS_PER_VOXEL),
         };
-        let attenuation = Attenuation {
+        Attenuation {
             rate: self.rate,
             residual,
             exact_above,
-        };
-        let segments = if exact_above == 0.0 {
-            Segments::Bricks
-        } else {
-            self.segments()
-        };
-        let ray = medium.ray_over(ray, t_max, segments);
-        attenuation.estimate(ray, roulette_weight, stream, counts)
+        }
+    }
+
+    /// Of flights: cell by cell, larger segments would hide empty bricks.
+    #[inline] // bench: frame
+    fn flight_segments(&self) -> Segments {
+        match self.distance {
+            DistanceEstimator::ClosedForm | DistanceEstimator::Regular => Segments::Bricks,
+            _ => self.segments(),
+        }
+    }
+
+    /// Of shadow rays that are tracked.
+    #[inline] // bench: frame
+    fn shadow_segments(&self) -> Segments {
+        match self.transmittance {
+            TransmittanceEstimator::ClosedForm | TransmittanceEstimator::Exact => Segments::Bricks,
+            _ => self.segments(),
+        }
     }
 
     fn segments(&self) -> Segments {
