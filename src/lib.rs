@@ -71,7 +71,7 @@
 //! | layer | modules |
 //! |---|---|
 //! | foundations | [`space`], [`spectrum`], [`sampling`], [`stats`] |
-//! | storage | [`grid`], filled by [`vdb`] |
+//! | storage | [`grid`], filled by [`vdb`] or [`cache`] |
 //! | optics | [`phase`], [`light`], [`camera`], [`medium`] |
 //! | estimators | [`tracking`], [`integrator`] |
 //! | frames | [`scene`], [`plan`], [`render`], [`film`], [`output`] |
@@ -79,6 +79,7 @@
 //! Nothing low knows anything high; a test holds the table in `docs/architecture.md` against the
 //! source.
 
+pub mod cache;
 pub mod camera;
 pub mod converge;
 pub mod film;

@@ -83,6 +83,8 @@ fn documented_defaults_are_those_of_the_code() {
         density: DensityDesc { grid, scale },
         albedo,
         phase,
+        encoding: _,
+        storage_error: _,
     } = volume[0].get_ref();
     let PhaseDesc { kind, g } = phase.get_ref();
     assert_eq!((*kind, g), (PhaseKind::Isotropic, &None));

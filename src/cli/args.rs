@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, IVec3};
+use majorant::grid::StorageKind;
 use majorant::integrator::{CameraRay, IntegratorKind};
 use majorant::sampling::SamplerKind;
 use majorant::scene::MAX_RESOLUTION;
@@ -37,6 +38,17 @@ Examples:
 
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted: results so far are
 written, and --resume goes on.";
+
+const CACHE_EXAMPLES: &str = "\
+Examples:
+  majorant cache cloud.vdb
+  majorant cache cloud.vdb --grid density --encoding u16 -o /scratch/cloud.mjc
+  majorant cache cloud.mjc --check
+
+A cache file stands wherever a .vdb may: it opens at once, and bricks are read from disk when rays
+meet them, so that a volume larger than memory renders.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
 
 const INFO_EXAMPLES: &str = "\
 Examples:
@@ -90,6 +102,9 @@ pub(super) enum Command {
     /// Compare estimators by error against run time
     #[command(after_help = CONVERGE_EXAMPLES)]
     Converge(Box<ConvergeArgs>),
+    /// Write a grid as a cache file: ready to render, larger than memory if need be
+    #[command(after_help = CACHE_EXAMPLES)]
+    Cache(CacheArgs),
     /// List the grids of volume files
     #[command(after_help = INFO_EXAMPLES)]
     Info(InfoArgs),
@@ -135,6 +150,9 @@ pub(super) struct RenderArgs {
     /// Density grid to render, by name
     #[arg(long, value_name = "NAME")]
     pub(super) grid: Option<String>,
+    /// Values in memory: auto, lossless, f32, f16, u16 or u8
+    #[arg(long, value_name = "NAME", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
+    pub(super) encoding: Option<StorageKind>,
     /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
     #[arg(long, value_enum)]
     pub(super) up: Option<UpArg>,
@@ -238,6 +256,37 @@ pub(super) struct ConvergeArgs {
     /// Columns and rows of the image
     #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
     pub(super) resolution: Option<[u32; 2]>,
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
+    pub(super) threads: Option<usize>,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct CacheArgs {
+    /// Volume file; with --check, cache file
+    pub(super) input: PathBuf,
+    /// Cache file to write [default: the input's name with .mjc, in the current folder]
+    #[arg(short, long, value_name = "OUT.mjc")]
+    pub(super) output: Option<PathBuf>,
+    /// Grid, by name [default: the one that render takes]
+    #[arg(long, value_name = "NAME")]
+    pub(super) grid: Option<String>,
+    /// Values in the file: lossless, f32, f16, u16 or u8
+    #[arg(long, value_name = "NAME", default_value = "lossless", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
+    pub(super) encoding: StorageKind,
+    /// Hold the cache file against its checksums, and write nothing
+    #[arg(long, conflicts_with_all = ["output", "grid", "encoding", "sanitize"])]
+    pub(super) check: bool,
+    /// Read NaN and infinite voxels as 0 instead of refusing the grid
+    #[arg(long)]
+    pub(super) sanitize: bool,
     #[arg(
         short = 'j',
         long,

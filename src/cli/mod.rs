@@ -3,6 +3,7 @@
 //! Results go to stdout (`info`, `probe`, `verify`, `--print-scene`), everything else to stderr.
 
 mod args;
+mod cache;
 mod converge;
 mod info;
 mod json;
@@ -17,6 +18,7 @@ mod verify;
 use std::process::ExitCode;
 
 use clap::Parser as _;
+use majorant::cache::CacheError;
 
 use args::{Args, Command};
 
@@ -29,6 +31,8 @@ enum Failure {
     Scene(majorant::scene::SceneError),
     /// A volume file cannot be read.
     Vdb(majorant::vdb::VdbError),
+    /// A cache file cannot be read or written.
+    Cache(CacheError),
     /// Another input cannot be read.
     BadInput(String),
     /// Some inputs could not be read, which has been said.
@@ -47,11 +51,13 @@ impl Failure {
     /// The exit codes of `args::EXIT_CODES`.
     fn exit_code(&self) -> u8 {
         match self {
-            Self::Failed(_) => 1,
+            Self::Failed(_) | Self::Cache(CacheError::Write { .. }) => 1,
             Self::Usage(_) => 2,
             // What shells say of a program that SIGINT ended.
             Self::Interrupted => 130,
-            Self::Scene(_) | Self::Vdb(_) | Self::BadInput(_) | Self::Reported => 3,
+            Self::Scene(_) | Self::Vdb(_) | Self::Cache(_) | Self::BadInput(_) | Self::Reported => {
+                3
+            }
         }
     }
 }
@@ -68,6 +74,12 @@ impl From<majorant::vdb::VdbError> for Failure {
     }
 }
 
+impl From<CacheError> for Failure {
+    fn from(error: CacheError) -> Self {
+        Self::Cache(error)
+    }
+}
+
 /// Runs the program.
 pub(crate) fn run() -> ExitCode {
     let args = Args::parse();
@@ -75,6 +87,7 @@ pub(crate) fn run() -> ExitCode {
     let result = match &args.command {
         Command::Render(a) => render::run(a),
         Command::Converge(a) => converge::run(a),
+        Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),
         Command::Verify(a) => verify::run(a),

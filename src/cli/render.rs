@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 
+use majorant::cache::is_cache;
 use majorant::film::Film;
+use majorant::grid::StorageKind;
 use majorant::output::{self, Provenance};
 use majorant::render::{Rendered, render};
 use majorant::scene::default_look::{self, Wishes};
@@ -129,8 +131,8 @@ pub(super) fn start_threads(asked: Option<usize>) -> Result<(), Failure> {
 }
 
 pub(super) fn is_volume(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("vdb"))
+    let is_vdb = |e: &std::ffi::OsStr| e.eq_ignore_ascii_case("vdb");
+    path.extension().is_some_and(is_vdb) || is_cache(path)
 }
 
 fn default_scene(
@@ -139,17 +141,42 @@ fn default_scene(
     stages: &mut Stages,
 ) -> Result<(SceneFile, LoadedVolume), Failure> {
     stages.enter(LoadStage::Read);
-    let archive = Archive::open(&args.input)?;
-    let (index, why) = default_look::choose_grid(&archive, args.grid.as_deref())?;
-    let info = &archive.grids()[index];
-    tracing::info!("rendering grid {:?}: {why}", info.address);
-    let volume = LoadedVolume::decode(&archive, index, options, &mut |s| stages.enter(s))?;
     let wishes = Wishes {
         resolution: args.resolution,
         up: args.up.map(Into::into),
+        encoding: args.encoding,
     };
-    let file = default_look::describe(&volume, info, &why, wishes)?;
+    let (volume, why) = if is_cache(&args.input) {
+        let volume = LoadedVolume::map(&args.input, options)?;
+        check_cached(args, &volume)?;
+        (volume, "the grid of the cache file".to_owned())
+    } else {
+        let archive = Archive::open(&args.input)?;
+        let (index, why) = default_look::choose_grid(&archive, args.grid.as_deref())?;
+        let storage = wishes.storage();
+        let mut on_stage = |s| stages.enter(s);
+        let volume = LoadedVolume::decode(&archive, index, options, &storage, &mut on_stage)?;
+        (volume, why)
+    };
+    tracing::info!("rendering grid {:?}: {why}", volume.name);
+    let file = default_look::describe(&volume, &why, wishes)?;
     Ok((file, volume))
+}
+
+/// Checks that the command line asks for nothing that a cache file cannot give.
+fn check_cached(args: &RenderArgs, volume: &LoadedVolume) -> Result<(), Failure> {
+    let (file, held) = (args.input.display(), &volume.name);
+    if let Some(name) = args.grid.as_ref().filter(|name| *name != held) {
+        let message = format!("{file}: no grid {name:?} in the cache file, it holds {held:?}");
+        return Err(Failure::BadInput(message));
+    }
+    match args.encoding {
+        None | Some(StorageKind::Auto) => Ok(()),
+        Some(_) => Err(Failure::Usage(format!(
+            "--encoding is for .vdb files: {file} holds {}",
+            volume.stored.encoding
+        ))),
+    }
 }
 
 /// Puts what the command line says over what the file says.
@@ -204,6 +231,11 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
     if let Some(grid) = &args.grid {
         for volume in &mut desc.volume {
             volume.get_mut().density.grid = unplaced(grid.clone());
+        }
+    }
+    if let Some(kind) = args.encoding {
+        for volume in &mut desc.volume {
+            volume.get_mut().encoding = unplaced(kind);
         }
     }
     file

@@ -81,6 +81,7 @@ pub(super) fn failure(failure: &Failure) {
             None => error_line(&chain(e)),
         },
         Failure::Vdb(e) => error_line(&chain(e)),
+        Failure::Cache(e) => error_line(&chain(e)),
         Failure::Reported | Failure::Interrupted => return,
         Failure::Failed(e) => error_line(&chain(e.as_ref())),
     };

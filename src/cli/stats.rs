@@ -4,6 +4,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use cpu_time::ProcessTime;
+use majorant::grid::DepthError;
+use majorant::medium::Medium;
 use majorant::plan::PlanLine;
 use majorant::scene::{LoadedVolume, Scene};
 use majorant::stats::Counts;
@@ -97,16 +99,27 @@ pub(super) struct GridStats {
     pub(super) active_voxels: Option<u64>,
     pub(super) bricks: usize,
     pub(super) bytes: usize,
+    /// How values are stored.
+    pub(super) encoding: &'static str,
+    /// Upper bounds of the error in optical depth of any ray: RMS, and the largest.
+    pub(super) depth_error: [f64; 2],
 }
 
 impl GridStats {
-    pub(super) fn new(volume: &LoadedVolume) -> Self {
+    pub(super) fn new(volume: &LoadedVolume, scene: &Scene) -> Self {
+        let sigma_t = scene
+            .medium
+            .as_ref()
+            .map_or(0.0, Medium::sigma_t_per_density);
+        let DepthError { rms, worst } = volume.stored.error.scaled(sigma_t);
         Self {
             file: volume.path.display().to_string(),
             name: volume.name.clone(),
             active_voxels: volume.active_voxel_count,
             bricks: volume.brick_count,
             bytes: volume.grid.memory_bytes(),
+            encoding: volume.stored.encoding.name(),
+            depth_error: [rms, worst],
         }
     }
 }
@@ -155,8 +168,8 @@ impl Stats {
             },
             image_mean: [0.0; 3],
             image_standard_error: [0.0; 3],
-            grid: GridStats::new(volume),
-            plan: majorant::plan::plan(scene, &volume.unused_grids),
+            grid: GridStats::new(volume, scene),
+            plan: majorant::plan::plan(scene, volume),
         }
     }
 }

@@ -3,17 +3,21 @@
 use glam::DVec3;
 
 use super::bounds::{Bound, Bounds, add_halo};
-use super::brick::{BRICK_DIM, BRICK_LOG2};
+use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
 use super::directory::Directory;
+use super::encoding::Encoding;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
 use super::tree::{LOWER_LEN, LOWER_LOG2, Tree, slot_origin};
+use super::values::{Values, Voxels};
 use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 
 /// Density values with conservative bounds, placed in the world.
 #[derive(Debug)]
 pub struct DensityGrid {
+    /// Nodes and tiles; the values of its bricks are in `values`.
     pub(super) tree: Tree<f32>,
+    pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
     transform: IndexTransform,
@@ -30,29 +34,84 @@ pub struct GridTooLarge {
 }
 
 impl DensityGrid {
-    /// Computes the bounds of `tree` and places it by `transform`.
+    /// Computes the bounds of `tree` and places it by `transform`; values stay as they are.
     ///
     /// Values must be finite and not negative, the loader's policy.
     ///
     /// # Errors
-    /// If the grid with its bounds would take more than `max_bytes`; nothing is allocated then.
+    /// If the grid with its bounds would take more than `max_bytes`.
     pub fn new(
-        mut tree: Tree<f32>,
+        tree: Tree<f32>,
         transform: IndexTransform,
         max_bytes: usize,
     ) -> Result<Self, GridTooLarge> {
-        add_halo(&mut tree, max_bytes).map_err(|needed| GridTooLarge {
+        Self::encoded(tree, transform, Encoding::F32, max_bytes)
+    }
+
+    /// As [`new`](Self::new), with values stored as `encoding`. Bounds are those of the decoded
+    /// values.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new).
+    pub fn encoded(
+        mut tree: Tree<f32>,
+        transform: IndexTransform,
+        encoding: Encoding,
+        max_bytes: usize,
+    ) -> Result<Self, GridTooLarge> {
+        let too_large = |needed| GridTooLarge {
+            needed,
+            limit: max_bytes,
+        };
+        let values = std::mem::take(&mut tree.values);
+        let bytes = values.len() / BRICK_LEN * encoding.brick_bytes();
+        if bytes > max_bytes {
+            return Err(too_large(bytes));
+        }
+        let values = Values::encode(values, encoding).map_err(|_refused| too_large(bytes))?;
+        let (tree, values, bounds) = Self::prepare(tree, values, max_bytes)?;
+        Ok(Self::from_parts(tree, values, bounds, transform))
+    }
+
+    /// Completes a tree, whose bricks' values are apart from it, by its halo and its bounds.
+    pub(super) fn prepare(
+        mut tree: Tree<f32>,
+        values: Values,
+        max_bytes: usize,
+    ) -> Result<(Tree<f32>, Values, Bounds), GridTooLarge> {
+        add_halo(&mut tree, &values, max_bytes).map_err(|needed| GridTooLarge {
             needed,
             limit: max_bytes,
         })?;
-        let bounds = Bounds::new(&tree);
+        let bounds = Bounds::new(Voxels {
+            tree: &tree,
+            values: &values,
+        });
+        Ok((tree, values, bounds))
+    }
+
+    /// Puts a tree, its values and its bounds together.
+    pub(super) fn from_parts(
+        mut tree: Tree<f32>,
+        values: Values,
+        mut bounds: Bounds,
+        transform: IndexTransform,
+    ) -> Self {
         let directory = Directory::new(&tree, &bounds);
-        Ok(Self {
+        tree.drop_origins();
+        // Outside of the table, where everything reads as the background, nothing asks for upper
+        // nodes, of which a grid of 128³ voxels has eight: 4 MB, twice its values.
+        if directory.memory_bytes() > 0 && tree.background() == 0.0 {
+            tree.drop_upper();
+            bounds.upper = Vec::new();
+        }
+        Self {
             tree,
+            values,
             bounds,
             directory,
             transform,
-        })
+        }
     }
 
     /// Returns the map between index and world space.
@@ -172,13 +231,27 @@ impl DensityGrid {
         }
     }
 
+    /// Returns the values of the bricks.
+    pub fn values(&self) -> &Values {
+        &self.values
+    }
+
     /// Returns the number of bricks.
     pub fn brick_count(&self) -> usize {
-        self.tree.brick_count()
+        self.values.brick_count()
+    }
+
+    /// Returns the bytes of [`memory_bytes`](Self::memory_bytes) that a grid mapped from a cache
+    /// file holds in memory always.
+    pub fn resident_bytes(&self) -> usize {
+        self.memory_bytes() - self.values.payload_bytes()
     }
 
     /// Returns the bytes that values, nodes and bounds occupy.
     pub fn memory_bytes(&self) -> usize {
-        self.tree.memory_bytes() + self.bounds.memory_bytes() + self.directory.memory_bytes()
+        self.tree.memory_bytes()
+            + self.values.memory_bytes()
+            + self.bounds.memory_bytes()
+            + self.directory.memory_bytes()
     }
 }

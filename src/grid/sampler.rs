@@ -11,7 +11,7 @@
 
 use glam::{DVec3, IVec3, UVec3, Vec3};
 
-use super::brick::{self, BRICK_DIM, BRICK_LEN, BRICK_LOG2};
+use super::brick::{self, BRICK_DIM, BRICK_LOG2};
 use super::density::DensityGrid;
 use super::directory::Content;
 use super::traverse::Traversal;
@@ -64,7 +64,7 @@ impl<'a> Sampler<'a> {
     #[inline] // bench: lookup
     pub fn value(&mut self, p: IVec3) -> f32 {
         match self.stored(p) {
-            Ok(base) => self.tree.values[base + brick::offset(p)],
+            Ok(b) => self.grid.values.get(b, brick::offset(p)),
             Err(value) => value,
         }
     }
@@ -91,10 +91,10 @@ impl<'a> Sampler<'a> {
         let mut values = [0.0; N];
         if ((lo & (BRICK_DIM - 1)) + extent).max_element() < BRICK_DIM {
             match self.stored(lo) {
-                Ok(base) => {
-                    let o = base + brick::offset(lo);
+                Ok(b) => {
+                    let o = brick::offset(lo);
                     for (value, c) in values.iter_mut().zip(which) {
-                        *value = self.tree.values[o + CORNER_OFFSETS[c]];
+                        *value = self.grid.values.get(b, o + CORNER_OFFSETS[c]);
                     }
                 }
                 Err(tile) => values = [tile; N],
@@ -107,7 +107,7 @@ impl<'a> Sampler<'a> {
         values
     }
 
-    /// Returns where the values of the brick that holds voxel `p` start, or the value of its tile.
+    /// Returns the brick that holds voxel `p`, or the value of its tile.
     #[inline] // bench: lookup
     fn stored(&mut self, p: IVec3) -> Result<usize, f32> {
         let key = p >> LOWER_TOTAL_LOG2;
@@ -122,10 +122,8 @@ impl<'a> Sampler<'a> {
             };
         }
         let tree = self.tree;
-        match tree.lower[self.node? + lower_slot(p)].get() {
-            Ok(b) => Ok(b * BRICK_LEN),
-            Err(tile) => Err(tree.tiles[tile].value),
-        }
+        let slot = tree.lower[self.node? + lower_slot(p)];
+        slot.get().map_err(|tile| tree.tiles[tile].value)
     }
 
     /// Returns the trilinear value at `p_index`, never outside the range of its eight taps.
@@ -176,7 +174,7 @@ impl<'a> Sampler<'a> {
             return Err(UVec3::new(x, y, z).as_ivec3());
         }
         Ok(match self.tree.lower[slot].get() {
-            Ok(b) => self.tree.values[b * BRICK_LEN + ((x << 6) | (y << 3) | z) as usize],
+            Ok(b) => self.grid.values.get(b, ((x << 6) | (y << 3) | z) as usize),
             Err(tile) => self.tree.tiles[tile].value,
         })
     }

@@ -13,11 +13,11 @@
 
 use glam::{DVec3, IVec3};
 
-use super::bounds::Bound;
+use super::bounds::{Bound, NOT_EMPTY};
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::density::DensityGrid;
 use super::directory::{self, Content};
-use super::tree::{LOWER_LOG2, lower_slot};
+use super::tree::{LOWER_LEN, LOWER_LOG2, lower_slot};
 use crate::space::{Aabb, floor_to_voxel};
 
 /// An interval of a ray within one cell.
@@ -57,6 +57,8 @@ pub struct Traversal<'a> {
     grid: &'a DensityGrid,
     /// Bounds of the cells of lower nodes, in the order of the tree's slots.
     lower: &'a [Bound],
+    /// Whether they are empty, as `Bounds::empty`.
+    empty: &'a [i8],
     /// Origin and direction in cells, an eighth of index space: exact, as eight is a power of two.
     origin: DVec3,
     direction: DVec3,
@@ -100,6 +102,10 @@ enum Node {
 /// Slots of a lower node from a cell to the next along each axis.
 const STRIDES: [usize; 3] = [1 << (2 * LOWER_LOG2), 1 << LOWER_LOG2, 1];
 
+/// Blocks of at least `2^LEAST_LEAP` cells an edge are crossed in one step: a leap costs as much as
+/// two or three small steps.
+const LEAST_LEAP: i8 = 2;
+
 /// In place of an axis: the cell at hand has not been visited yet.
 const STAY: usize = 3;
 
@@ -116,6 +122,7 @@ impl<'a> Traversal<'a> {
         let mut walk = Self {
             grid,
             lower: &grid.bounds.lower,
+            empty: &grid.bounds.empty,
             origin: origin * scale,
             direction: direction * scale,
             inverse: DVec3::INFINITY,
@@ -254,6 +261,29 @@ impl<'a> Traversal<'a> {
         }
     }
 
+    /// Moves past the empty block of `2^log2` cells an edge that holds the cell, in a lower node.
+    fn leap_empty(&mut self, log2: u32) {
+        let size = 1 << log2;
+        let exit = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
+        self.axis = smallest(exit);
+        self.t1 = exit[self.axis].max(self.t1);
+        self.leap(size);
+        // On any axis: the block may reach out of the box.
+        let is_inside = (0..3).all(|i| {
+            if self.ahead[i] == 1 {
+                self.cell[i] < self.stop[i]
+            } else {
+                self.cell[i] > self.stop[i]
+            }
+        });
+        if is_inside {
+            let node = self.slot & !(LOWER_LEN - 1);
+            self.slot = node + lower_slot(IVec3::from_array(self.cell) << BRICK_LOG2);
+            self.node = Node::Lower;
+        }
+        self.axis = STAY;
+    }
+
     /// Moves past the block of `size` cells that holds the cell.
     fn leap(&mut self, size: i32) {
         // Where the ray leaves, on the other axes: within the block, and never backwards.
@@ -351,14 +381,18 @@ impl<'a> Traversal<'a> {
                     continue;
                 }
             }
+            let empty = self.empty[self.slot];
+            if empty >= LEAST_LEAP {
+                self.leap_empty(empty.unsigned_abs().into());
+                continue;
+            }
             let axis = smallest(self.exit);
             let t1 = self.exit[axis].max(t0);
             self.axis = axis;
             self.t0 = t0;
             self.t1 = t1;
-            let bound = self.lower[self.slot];
-            if bound.max > 0.0 && t1 > t0 {
-                return Some(bound);
+            if empty == NOT_EMPTY && t1 > t0 {
+                return Some(self.lower[self.slot]);
             }
         }
     }

@@ -252,9 +252,66 @@ impl<V: Voxel> Tree<V> {
         ))
     }
 
+    /// Puts nodes together that were taken apart; where upper nodes and bricks lie stays unknown.
+    pub(super) fn from_nodes(
+        root: Vec<RootCell>,
+        upper: Vec<Slot>,
+        lower: Vec<Slot>,
+        tiles: Vec<Tile<V>>,
+        lower_origins: Vec<IVec3>,
+    ) -> Self {
+        Self {
+            root,
+            upper,
+            lower,
+            tiles,
+            values: Vec::new(),
+            active: Vec::new(),
+            upper_origins: Vec::new(),
+            lower_origins,
+            brick_origins: Vec::new(),
+        }
+    }
+
+    /// Takes the values of all bricks out of the tree.
+    pub fn take_values(&mut self) -> Vec<V> {
+        std::mem::take(&mut self.values)
+    }
+
+    /// Gives brick `order[i]` the index i, for all i; values must have been taken out.
+    ///
+    /// # Panics
+    /// If `order` is no permutation of the bricks.
+    pub(crate) fn renumber_bricks(&mut self, order: &[usize]) {
+        assert!(self.values.is_empty(), "values would stay behind");
+        let mut index_of = vec![usize::MAX; self.brick_origins.len()];
+        for (new, &old) in order.iter().enumerate() {
+            index_of[old] = new;
+        }
+        for slot in &mut self.lower {
+            if let Ok(old) = slot.get() {
+                *slot = Slot::child(index_of[old]);
+            }
+        }
+        self.brick_origins = order.iter().map(|&old| self.brick_origins[old]).collect();
+        self.active = Vec::new();
+    }
+
     /// Forgets which voxels are active: rendering reads values only.
     pub fn drop_active_masks(&mut self) {
         self.active = Vec::new();
+    }
+
+    /// Forgets where each brick lies, which slots know.
+    pub(super) fn drop_origins(&mut self) {
+        self.brick_origins = Vec::new();
+    }
+
+    /// Forgets everything above lower nodes: all that is asked of the tree reads as background.
+    pub(super) fn drop_upper(&mut self) {
+        self.root = Vec::new();
+        self.upper = Vec::new();
+        self.upper_origins = Vec::new();
     }
 
     /// Returns the bytes that the arrays occupy.
@@ -404,12 +461,19 @@ impl<V: Voxel> TreeBuilder<V> {
         self.tree.brick_origins.len()
     }
 
+    /// Completes the nodes of a tree whose bricks' values are kept elsewhere.
+    pub fn finish_nodes(self) -> Tree<V> {
+        let mut tree = self.tree;
+        tree.root.sort_by_key(|c| root_key(c.origin));
+        tree
+    }
+
     /// Completes the tree with the bricks' values (`[brick][x][y][z]`) and active masks.
     ///
     /// # Panics
     /// If `values` or `active` does not match the number of bricks.
     pub fn finish(self, values: Vec<V>, active: Vec<BrickMask>) -> Tree<V> {
-        let mut tree = self.tree;
+        let mut tree = self.finish_nodes();
         assert_eq!(
             values.len(),
             tree.brick_origins.len() * BRICK_LEN,
@@ -418,7 +482,6 @@ impl<V: Voxel> TreeBuilder<V> {
         assert_eq!(active.len(), tree.brick_origins.len(), "one mask a brick");
         tree.values = values;
         tree.active = active;
-        tree.root.sort_by_key(|c| root_key(c.origin));
         tree
     }
 }

@@ -15,7 +15,7 @@ mod primary;
 use serde::{Deserialize, Serialize};
 
 use self::guide::Guide;
-pub use self::primary::Kernel;
+pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::sampling::{SamplerKind, Stream};
@@ -88,8 +88,8 @@ pub struct Context<'a> {
     lights: &'a Lights,
     settings: TransportSettings,
     guide: Option<Guide>,
+    /// Of the path integrator, for the medium.
     kernel: Option<Kernel>,
-    params: [f32; 3],
 }
 
 impl<'a> Context<'a> {
@@ -102,27 +102,26 @@ impl<'a> Context<'a> {
         lights: &'a Lights,
         settings: TransportSettings,
     ) -> Self {
-        let kernel = medium.map(|m| Kernel::new(&settings, m));
-        // Nothing scatters: no path to survey for, and no light to find.
-        let scatters = kernel != Some(Kernel::Transmittance);
-        let tracking = medium.filter(|_| scatters).map_or(settings.tracking, |m| {
-            let survey = Survey::new(m, &settings.tracking);
-            settings.tracking.fitted(&survey)
-        });
+        // Where nothing scatters there is no path to survey for, and no light to find.
+        let scattering = medium.filter(|m| !absorbs_only(&settings, m));
+        let survey = scattering.map(|m| Survey::new(m, &settings.tracking));
+        let kernel = medium.map(|_| Kernel::new(&settings, survey.as_ref()));
+        let tracking = match &survey {
+            Some(survey) => settings.tracking.fitted(survey),
+            None => absorbing_tracking(settings.tracking),
+        };
         let settings = TransportSettings {
             tracking,
             ..settings
         };
-        let is_path = settings.integrator == IntegratorKind::Path;
-        let guided = is_path && scatters && !lights.distant.is_empty();
-        let guide = medium.filter(|_| guided).map(|m| Guide::new(m, lights));
+        let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
+        let guide = scattering.filter(|_| guided).map(|m| Guide::new(m, lights));
         Self {
             medium,
             lights,
             settings,
             guide,
             kernel,
-            params: primary::params(),
         }
     }
 }
@@ -134,8 +133,8 @@ pub struct PathSample {
     pub radiance: Rgb,
     /// Opacity along the camera ray, estimated.
     pub opacity: f32,
-    /// World distance to the camera ray's collision, with its weight in the mean of such distances; `None`
-    /// if it left without one.
+    /// World distance to the camera ray's collision, with its weight in the mean of such
+    /// distances; `None` if it left without one.
     pub first_collision: Option<(f64, f32)>,
 }
 

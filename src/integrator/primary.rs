@@ -25,14 +25,23 @@ use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, p
 use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
 use crate::space::Ray;
-use crate::spectrum::Rgb;
 use crate::stats::Counts;
+use crate::tracking::{Survey, Tracking, TransmittanceEstimator};
 
 /// Probability for a path to go on, for each unit of opacity.
 const SURVIVAL: f32 = 4.0;
 
 /// Weight below which what is left of a camera ray collides or escapes.
 const ANALOG_BELOW: f32 = 0.1;
+
+/// Collisions that a ray from inside meets on its way out, in the survey, below which a medium is
+/// thin. Variance times cost, measured with expected in place of analog camera rays: 0.44 and 0.55
+/// of it in two thin fogs, 0.9 in a smoke of depth 3, 1.01 in a tower of 20, 1.06 in a cloud of 59.
+const THIN: f32 = 3.0;
+
+/// In absorbing media, transmittances below this play roulette: too little to be seen, and most of
+/// the voxels along a ray.
+const LEAST_TRANSMITTANCE: f32 = 0.01;
 
 /// In absorbing media, one camera ray in this many also looks for its first collision, for the
 /// depth of the image alone.
@@ -50,27 +59,40 @@ pub enum Kernel {
 }
 
 impl Kernel {
-    /// Returns what the settings ask for, or what suits the medium.
-    pub fn new(settings: &TransportSettings, medium: &Medium) -> Self {
+    /// Returns what the settings ask for, or what suits the medium; `survey` is that of a medium
+    /// that scatters, `None` where only transmittances are wanted (see [`absorbs_only`]).
+    pub fn new(settings: &TransportSettings, survey: Option<&Survey>) -> Self {
+        let Some(survey) = survey else {
+            return Self::Transmittance;
+        };
         match settings.camera_ray {
-            _ if settings.integrator == IntegratorKind::Analog => Self::Analog,
             CameraRay::Analog => Self::Analog,
             CameraRay::Expected => Self::Expected,
-            CameraRay::Auto if medium.albedo().is_black() => Self::Transmittance,
-            CameraRay::Auto => Self::Expected,
+            CameraRay::Auto if survey.collisions_per_ray < THIN => Self::Expected,
+            CameraRay::Auto => Self::Analog,
         }
     }
 }
 
-fn env(k: &str, d: f32) -> f32 {
-    std::env::var(k).ok().and_then(|s| s.parse().ok()).unwrap_or(d)
+/// Returns whether nothing of the light in `medium` is scattered and the settings leave it at that:
+/// camera rays are estimates of the transmittance, and there are no paths.
+pub fn absorbs_only(settings: &TransportSettings, medium: &Medium) -> bool {
+    settings.integrator == IntegratorKind::Path
+        && settings.camera_ray == CameraRay::Auto
+        && medium.albedo().is_black()
 }
-pub(super) fn params() -> [f32; 3] {
-    [
-        env("AB", ANALOG_BELOW),
-        env("BOOST", SURVIVAL),
-        env("RW", 0.1),
-    ]
+
+/// Returns how transmittances are estimated where they are the image: exactly, unless asked for
+/// otherwise. What noise is left is that of the pixel's area.
+pub fn absorbing_tracking(tracking: Tracking) -> Tracking {
+    let transmittance = match tracking.transmittance {
+        TransmittanceEstimator::Auto => TransmittanceEstimator::Exact,
+        asked => asked,
+    };
+    Tracking {
+        transmittance,
+        ..tracking
+    }
 }
 
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
@@ -135,13 +157,10 @@ fn expected(
         lights, settings, ..
     } = *context;
     let number = stream.number(Number::Collision);
-    let flight = settings.tracking.expected_flight(
-        medium,
-        &ray,
-        (context.params[0], number),
-        stream,
-        counts,
-    );
+    let flight =
+        settings
+            .tracking
+            .expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
     let opacity = 1.0 - flight.transmittance;
     let through = lights.radiance(ray.direction) * flight.transmittance;
     let sky = |weight: f32| through + lights.environment * weight;
@@ -152,7 +171,7 @@ fn expected(
             first_collision: None,
         };
     };
-    let survival = (context.params[1] * opacity).min(1.0);
+    let survival = (SURVIVAL * opacity).min(1.0);
     let radiance = if stream.number(Number::Roulette) < survival {
         let weight = opacity / survival;
         let from = Ray {
@@ -183,8 +202,8 @@ fn transmittance(
 ) -> PathSample {
     let tracking = &context.settings.tracking;
     let end = f64::INFINITY;
-    let least = context.params[2];
-    let transmittance = tracking.estimate_transmittance(medium, &ray, end, least, stream, counts);
+    let transmittance =
+        tracking.estimate_transmittance(medium, &ray, end, LEAST_TRANSMITTANCE, stream, counts);
     let first_collision = if stream.uniform() * DEPTH_EVERY < 1.0 {
         let t = tracking.sample_collision(medium, &ray, end, stream, counts);
         t.map(|t| (t, 1.0))

@@ -16,7 +16,9 @@ use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
+use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::grid::{Reason, Storage, StorageKind, Stored};
 use crate::integrator::TransportSettings;
 use crate::light::Lights;
 use crate::medium::Medium;
@@ -55,6 +57,8 @@ struct CheckedVolume {
     sigma_t_per_density: f32,
     albedo: Rgb,
     phase: Phase,
+    storage: Storage,
+    encoding: Range<usize>,
 }
 
 impl SceneFile {
@@ -175,6 +179,8 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         density,
         albedo,
         phase,
+        encoding,
+        storage_error,
     } = volume;
     let scale = number(source, "scale", &density.scale)?;
     let sigma_t_per_density = non_negative_f32(scale).ok_or_else(|| {
@@ -185,6 +191,12 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         let message = format!("albedo is {:?}", albedo.get_ref());
         return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
     }
+    let max_error = number(source, "storage_error", storage_error)?;
+    if max_error < 0.0 {
+        let message = format!("storage_error is {max_error}");
+        let expected = "an optical depth, 0 or more";
+        return Err(source.error(storage_error.span(), message, expected));
+    }
     Ok(CheckedVolume {
         file: file.clone(),
         path: source.folder().join(file.get_ref()),
@@ -193,6 +205,12 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
         sigma_t_per_density,
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
+        storage: Storage {
+            kind: *encoding.get_ref(),
+            max_error,
+            sigma_t_per_density: Some(sigma_t_per_density),
+        },
+        encoding: encoding.span(),
     })
 }
 
@@ -248,7 +266,11 @@ impl Checked {
         on_stage: &mut dyn FnMut(LoadStage),
     ) -> Result<LoadedVolume, SceneError> {
         let CheckedVolume {
-            file, path, grid, ..
+            file,
+            path,
+            grid,
+            storage,
+            ..
         } = &self.volume;
         let at = |span: Range<usize>, source: VdbError| {
             let place = DescriptionError {
@@ -261,14 +283,59 @@ impl Checked {
             }
         };
         on_stage(LoadStage::Read);
+        if is_cache(path) {
+            return self.map_volume(options);
+        }
         let archive = Archive::open(path).map_err(|e| at(file.span(), e))?;
         let index = archive
             .find(grid.get_ref())
             .map_err(|e| at(place(grid, file), e))?;
-        LoadedVolume::decode(&archive, index, options, on_stage).map_err(|e| match e {
+        LoadedVolume::decode(&archive, index, options, storage, on_stage).map_err(|e| match e {
             SceneError::Volume { source, .. } => at(place(grid, file), source),
             other => other,
         })
+    }
+
+    /// Maps the cache file that the volume is in, which must hold what the scene asks for.
+    fn map_volume(&self, options: &LoadOptions) -> Result<LoadedVolume, SceneError> {
+        let CheckedVolume {
+            file,
+            path,
+            grid,
+            storage,
+            encoding,
+            ..
+        } = &self.volume;
+        let mut volume = LoadedVolume::map(path, options)?;
+        let wrong = |span: Range<usize>, message: String, expected: String| {
+            SceneError::Description(self.source.error(span, message, expected))
+        };
+        if volume.name != *grid.get_ref() {
+            let message = format!("no grid {:?} in the cache file", grid.get_ref());
+            let expected = format!("{:?}, the only one it holds", volume.name);
+            return Err(wrong(place(grid, file), message, expected));
+        }
+        let Stored {
+            encoding: held,
+            error,
+            ..
+        } = volume.stored;
+        let as_asked = match storage.kind {
+            StorageKind::Auto => true,
+            // Zero: exact.
+            StorageKind::Lossless => error.rms == 0.0,
+            kind => kind.fixed() == Some(held),
+        };
+        if !as_asked {
+            let asked = storage.kind.name();
+            let message = format!("the cache file holds {held}, which is not {asked}");
+            let expected = format!("\"auto\", or a cache file written with --encoding {asked}");
+            return Err(wrong(encoding.clone(), message, expected));
+        }
+        if error.scaled(self.volume.sigma_t_per_density).rms > storage.max_error {
+            volume.stored.reason = Reason::CachedOverBudget(storage.max_error);
+        }
+        Ok(volume)
     }
 
     /// Puts the loaded volume into the scene.

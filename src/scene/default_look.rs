@@ -6,7 +6,7 @@
 //! shoulder in a blue sky. The choice is written as a scene file, so nothing here is beyond
 //! what a person could have written.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use glam::DVec3;
 use toml::Spanned;
@@ -19,6 +19,7 @@ use super::error::SceneError;
 use super::framing::{Axes, FOV_DEGREES, Frame, visible_points};
 use super::load::LoadedVolume;
 use super::{SceneFile, write};
+use crate::grid::{Reason, Storage, StorageKind};
 use crate::vdb::{Archive, GridInfo};
 
 /// Mean optical thickness of the view's columns: an opaque body with soft edges, as cumulus has.
@@ -57,8 +58,8 @@ const Y_UP_MARKS: [&str; 6] = [
 
 impl UpAxis {
     /// Guesses the axis from who wrote the grid: y for programs known to use it, else z.
-    fn of(info: &GridInfo) -> (Self, String) {
-        for (key, value) in &info.metadata {
+    fn of(metadata: &[(String, String)]) -> (Self, String) {
+        for (key, value) in metadata {
             let text = format!("{key} {value}").to_lowercase();
             if let Some(mark) = Y_UP_MARKS.iter().find(|m| text.contains(*m)) {
                 return (Self::Y, format!("the grid's metadata speaks of {mark}"));
@@ -174,28 +175,37 @@ pub struct Wishes {
     pub resolution: Option<[u32; 2]>,
     /// The axis that points up.
     pub up: Option<UpAxis>,
+    /// How values are stored; lossless unless asked for, since the scale that `auto` needs is
+    /// chosen after loading.
+    pub encoding: Option<StorageKind>,
+}
+
+impl Wishes {
+    /// Returns how a volume without a scene is stored.
+    pub fn storage(&self) -> Storage {
+        let lossless = Storage::lossless();
+        Storage {
+            kind: self.encoding.unwrap_or(lossless.kind),
+            ..lossless
+        }
+    }
 }
 
 /// Writes the default look of a loaded volume; `why` says why this grid.
 ///
 /// # Errors
 /// If the grid is zero everywhere: there is nothing to look at.
-pub fn describe(
-    volume: &LoadedVolume,
-    info: &GridInfo,
-    why: &str,
-    wishes: Wishes,
-) -> Result<SceneFile, SceneError> {
+pub fn describe(volume: &LoadedVolume, why: &str, wishes: Wishes) -> Result<SceneFile, SceneError> {
     let bounds = volume
         .grid
         .world_bounds()
         .ok_or_else(|| SceneError::NoDensity {
             path: volume.path.clone(),
-            found: format!("{:?} is zero everywhere", info.address),
+            found: format!("{:?} is zero everywhere", volume.name),
         })?;
     let (up_axis, up_why) = match wishes.up {
         Some(axis) => (axis, "asked for".to_owned()),
-        None => UpAxis::of(info),
+        None => UpAxis::of(&volume.metadata),
     };
     let image = wishes
         .resolution
@@ -223,7 +233,7 @@ pub fn describe(
             up: unplaced(up_axis.up().to_array()),
             vertical_fov_degrees: unplaced(FOV_DEGREES),
         },
-        volume: vec![unplaced(volume_desc(&volume.path, &info.address, scale))],
+        volume: vec![unplaced(volume_desc(volume, scale, wishes))],
         light: lights(&axes),
         render: RenderDesc::default(),
     };
@@ -242,11 +252,11 @@ pub fn describe(
     SceneFile::parse(&name, write::to_toml(&desc, &header))
 }
 
-fn volume_desc(path: &Path, grid: &str, scale: f64) -> VolumeDesc {
+fn volume_desc(volume: &LoadedVolume, scale: f64, wishes: Wishes) -> VolumeDesc {
     VolumeDesc {
-        file: unplaced(path.to_owned()),
+        file: unplaced(volume.path.clone()),
         density: DensityDesc {
-            grid: unplaced(grid.to_owned()),
+            grid: unplaced(volume.name.clone()),
             scale: unplaced(three_digits(scale)),
         },
         albedo: VolumeDesc::default_albedo(),
@@ -254,6 +264,11 @@ fn volume_desc(path: &Path, grid: &str, scale: f64) -> VolumeDesc {
             kind: PhaseKind::HenyeyGreenstein,
             g: Some(unplaced(G)),
         }),
+        encoding: unplaced(match volume.stored.reason {
+            Reason::Cached => StorageKind::Auto,
+            _ => wishes.storage().kind,
+        }),
+        storage_error: VolumeDesc::default_storage_error(),
     }
 }
 

@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::grid::{Storage, StorageKind};
 use crate::integrator::{CameraRay, IntegratorKind};
 use crate::sampling::SamplerKind;
 use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
@@ -88,7 +89,7 @@ impl CameraDesc {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VolumeDesc {
-    /// The `.vdb` file, relative to the scene file.
+    /// The `.vdb` or cache file, relative to the scene file.
     pub file: Spanned<PathBuf>,
     /// Which grid is the density, and what a density of one means.
     #[serde(default)]
@@ -99,6 +100,12 @@ pub struct VolumeDesc {
     /// Phase function.
     #[serde(default = "VolumeDesc::default_phase")]
     pub phase: Spanned<PhaseDesc>,
+    /// How values are stored in memory. A cache file has decided that already.
+    #[serde(default = "VolumeDesc::default_encoding")]
+    pub encoding: Spanned<StorageKind>,
+    /// Of `encoding = "auto"`: largest RMS error in optical depth of any ray.
+    #[serde(default = "VolumeDesc::default_storage_error")]
+    pub storage_error: Spanned<f64>,
 }
 
 impl VolumeDesc {
@@ -108,6 +115,14 @@ impl VolumeDesc {
 
     fn default_phase() -> Spanned<PhaseDesc> {
         unplaced(PhaseDesc::default())
+    }
+
+    fn default_encoding() -> Spanned<StorageKind> {
+        unplaced(StorageKind::default())
+    }
+
+    pub(super) fn default_storage_error() -> Spanned<f64> {
+        unplaced(Storage::DEFAULT_ERROR)
     }
 }
 

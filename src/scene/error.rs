@@ -4,7 +4,8 @@ use std::io;
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use crate::grid::GridTooLarge;
+use crate::cache::CacheError;
+use crate::grid::{GridTooLarge, TooLargeForHalf};
 use crate::vdb::VdbError;
 
 /// A scene that cannot be rendered.
@@ -30,6 +31,14 @@ pub enum SceneError {
         /// What is wrong with it.
         source: VdbError,
     },
+    /// A cache file cannot be read.
+    #[error("{source}")]
+    Cache {
+        /// Where the scene names the file, if a scene file was written at all.
+        at: Option<Box<DescriptionError>>,
+        /// What is wrong with it.
+        source: CacheError,
+    },
     /// The grid's bounds do not fit into the memory that may be used.
     #[error("{}: grid {grid:?}: {source}; allow more by --max-memory", path.display())]
     TooLarge {
@@ -39,6 +48,16 @@ pub enum SceneError {
         grid: String,
         /// How much it needs.
         source: GridTooLarge,
+    },
+    /// The grid does not fit into the encoding that was asked for.
+    #[error("{}: grid {grid:?}: {source}; use encoding = \"auto\"", path.display())]
+    TooLargeForHalf {
+        /// The volume file.
+        path: PathBuf,
+        /// The grid.
+        grid: String,
+        /// The value that does not fit.
+        source: TooLargeForHalf,
     },
     /// A bare volume file holds nothing that looks like a density.
     #[error("{}: no grid looks like a density: {found}", path.display())]
@@ -82,8 +101,11 @@ impl SceneError {
     pub fn place(&self) -> Option<&DescriptionError> {
         match self {
             Self::Description(at) => Some(at),
-            Self::Volume { at, .. } => at.as_deref(),
-            Self::Read { .. } | Self::TooLarge { .. } | Self::NoDensity { .. } => None,
+            Self::Volume { at, .. } | Self::Cache { at, .. } => at.as_deref(),
+            Self::Read { .. }
+            | Self::TooLarge { .. }
+            | Self::TooLargeForHalf { .. }
+            | Self::NoDensity { .. } => None,
         }
     }
 }

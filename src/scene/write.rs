@@ -10,6 +10,7 @@ use toml::Spanned;
 use super::desc::{
     DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc,
 };
+use crate::grid::StorageKind;
 use crate::integrator::IntegratorKind;
 
 /// Writes `desc` below `header`, whose lines become comments.
@@ -111,6 +112,8 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         density: DensityDesc { grid, scale },
         albedo,
         phase,
+        encoding,
+        storage_error,
     } = volume;
     let file = string(&file.get_ref().to_string_lossy());
     let (grid, scale) = (string(grid.get_ref()), number(*scale.get_ref()));
@@ -130,6 +133,14 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         .as_ref()
         .map_or(String::new(), |g| format!(", g = {}", number(*g.get_ref())));
     push(out, format_args!("phase = {{ type = \"{kind}\"{g} }}"));
+    if *encoding.get_ref() != StorageKind::default() {
+        let name = encoding.get_ref().name();
+        push(out, format_args!("encoding = \"{name}\""));
+    }
+    if storage_error.get_ref() != VolumeDesc::default_storage_error().get_ref() {
+        let error = number(*storage_error.get_ref());
+        push(out, format_args!("storage_error = {error}"));
+    }
 }
 
 fn push_light(out: &mut String, light: &LightDesc) {

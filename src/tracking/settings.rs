@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::distance::{self, FreeFlight};
-use super::expected::{Expected, ExpectedFlight};
+use super::expected::{self, Expected, ExpectedFlight};
 use super::power_series::power_series;
 use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
@@ -202,7 +202,7 @@ impl Tracking {
         counts: &mut Counts,
     ) -> ExpectedFlight {
         let mut walk = Expected {
-            rate: self.rate,
+            rate: self.rate.max(expected::LEAST_RATE),
             analog_below,
             exact_above: f64::INFINITY,
             weight: 1.0,

@@ -9,7 +9,7 @@ use std::io;
 use std::ops::Deref;
 use std::path::Path;
 
-use memmap2::Mmap;
+use memmap2::{Mmap, MmapOptions};
 
 /// The whole content of a file, or bytes that are already in memory.
 #[derive(Debug)]
@@ -37,6 +37,18 @@ impl Bytes {
         let map = unsafe { Mmap::map(&file)? };
         Ok(Self::Mapped(map))
     }
+}
+
+/// Maps `len` bytes of `file` from `offset` on, which must be there: bytes that are first read after
+/// they were cut off end the process.
+#[expect(
+    unsafe_code,
+    reason = "a map is unsafe by nature; ADR 0006 has the terms, ADR 0008 why here too"
+)]
+pub(crate) fn map_part(file: &File, offset: u64, len: usize) -> io::Result<Mmap> {
+    // SAFETY: as above; the reader of these bytes takes any bits for values and trusts none for
+    // an index, so that a change under it changes a picture and nothing else.
+    unsafe { MmapOptions::new().offset(offset).len(len).map(file) }
 }
 
 impl Deref for Bytes {
