@@ -127,9 +127,17 @@ impl Visitor for Expected {
             let depth = optical_depth(sigma_maj, t1 - t0);
             let p = -(-depth).exp_m1();
             let w = self.weight * p;
-            // Where in the segment: the exponential distribution, cut off at its end.
-            let at = -(-stream.uniform() * p).ln_1p() / sigma_maj;
-            self.take((t0 + f64::from(at)).min(t1), w, t1)?;
+            // Where in the segment: the exponential distribution, cut off at its end. The number
+            // is precise near 0, which is the near end of thin segments and the far end of thick
+            // ones.
+            let u = stream.uniform_positive();
+            let met_at = if p < 0.5 {
+                -(-u * p).ln_1p()
+            } else {
+                -((-depth).exp() + u * p).ln()
+            };
+            let t = t0 + f64::from(met_at.max(0.0) / sigma_maj);
+            self.take(t.min(t1), w, t1)?;
             return ControlFlow::Continue(0.0);
         }
         let rate = sigma_maj * self.rate;
