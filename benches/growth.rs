@@ -421,7 +421,10 @@ fn memory(clouds: &[Cloud], options: &Options) {
             } = &cloud.stored[kind];
             let bricks = grid.brick_count();
             let cells = f64::from(cloud.resolution / 8).powi(3);
-            let bytes = grid.memory_bytes() as f64;
+            // What rays cross in one step, chosen for the medium.
+            let voxels_an_edge = f64::from(cloud.resolution);
+            let blocks = grid.blocks(scale(THICKNESS / voxels_an_edge, cloud.column));
+            let bytes = (grid.memory_bytes() + blocks.memory_bytes()) as f64;
             let stored = (bricks * BRICK_LEN * encoding.value_bytes()) as f64;
             let voxels = (bricks * BRICK_LEN) as f64;
             let name = format!("growth/memory/{name}/{}", cloud.resolution);
