@@ -22,6 +22,7 @@ mod cubic;
 mod density;
 mod directory;
 mod encoding;
+mod occupied;
 pub mod sampler;
 pub(crate) mod sections;
 pub mod traverse;

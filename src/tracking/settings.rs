@@ -6,6 +6,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::distance::{self, FreeFlight};
+use super::expected::{self, Expected, ExpectedFlight};
 use super::power_series::power_series;
 use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
@@ -178,6 +179,53 @@ impl Tracking {
             exact_above,
         };
         flight.sample(ray, stream, counts)
+    }
+
+    /// Returns the transmittance of the whole ray, estimated, and a collision that stands for the
+    /// rest, chosen by `number`, uniform in [0, 1).
+    ///
+    /// What is left below the weight `analog_below`, in [0, 1], goes on by
+    /// [`sample_collision`](Self::sample_collision).
+    ///
+    /// # Cost
+    /// See [`ExpectedFlight`].
+    #[inline] // bench: frame
+    pub fn expected_flight(
+        &self,
+        medium: &Medium,
+        ray: &Ray,
+        (analog_below, number): (f32, f32),
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> ExpectedFlight {
+        let mut walk = Expected {
+            rate: self.rate.max(expected::LEAST_RATE),
+            analog_below,
+            exact_above: f64::INFINITY,
+            weight: 1.0,
+            met: 0.0,
+            chosen: None,
+            number,
+            rest_from: None,
+        };
+        let segments = self.start_path(medium, ray);
+        walk.walk(segments, stream, counts);
+        // Zero: no rest is left.
+        if let Some(t) = walk.rest_from.filter(|_| walk.weight > 0.0) {
+            let rest = Ray {
+                origin: ray.at(t),
+                ..*ray
+            };
+            let hit = self.sample_collision(medium, &rest, f64::INFINITY, stream, counts);
+            if let Some(further) = hit {
+                walk.meet(t + further, walk.weight);
+                walk.weight = 0.0;
+            }
+        }
+        ExpectedFlight {
+            transmittance: walk.weight,
+            collision: walk.chosen,
+        }
     }
 
     /// As [`estimate_transmittance`](Self::estimate_transmittance), from distance `t` in the
