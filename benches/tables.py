@@ -122,10 +122,11 @@ def growth(n):
     rows = [
         [f"{x}³", *(n.get(f"growth/resolution/{k}/{x}", "cpu_time") for k in kinds),
          n.get(f"growth/resolution/auto/{x}", "segments"), n.get(f"growth/resolution/auto/{x}", "lookups"),
-         n.get(f"growth/resolution/auto/{x}", "vertices")]
+         n.get(f"growth/resolution/auto/{x}", "vertices"),
+         n.get(f"growth/resolution/auto/{x}", "start_up_cpu_time")]
         for x in xs
     ]
-    head = ["resolution", *(f"{k}, µs a sample" for k in kinds), "segments a sample", "lookups", "vertices"]
+    head = ["resolution", *(f"{k}, µs a sample" for k in kinds), "segments a sample", "lookups", "vertices", "start-up of a frame, CPU ms"]
     return markdown(head, rows)
 
 
