@@ -1,19 +1,17 @@
-//! What whole images cost: 96 × 54 pixels at 2 samples, on one thread.
+//! What whole images cost: 128 × 72 pixels at 4 samples, on one thread, scene by scene.
 //!
-//! * `path`: the scene as it is, sun and sky, with the production integrator.
-//! * `path sky`, `analog sky`: without the sun, which the analog integrator cannot see.
+//! One row for each variant of the kernel ([`VARIANTS`]): what `auto` makes of the scene, and
+//! one choice of estimator or bounds changed at a time. A variant that is slower here may have
+//! less variance: `majorant converge` weighs both. `analog sky` is the short reference, without the sun that
+//! it cannot see.
 //!
 //! Each frame's mean is asserted against a long run within 5 standard errors of this frame.
-//! That guards against timing a broken picture; it does not see a bias below 5 %, which the
+//! That guards against timing a broken picture; it does not see a bias below 2 %, which the
 //! statistical tests do. Printed once: what a camera sample makes the kernel do.
 
 #![allow(
     missing_docs,
     reason = "the criterion macros make undocumented functions"
-)]
-#![expect(
-    clippy::print_stderr,
-    reason = "numbers that are not times are printed once"
 )]
 
 mod assets;
@@ -25,26 +23,64 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use majorant::integrator::IntegratorKind;
 use majorant::render::{NoProgress, Rendered, render};
 use majorant::scene::Scene;
+use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 
-/// Means of the green channel over the image, from 512 samples a pixel: standard errors below
-/// 0.0006. Those of the sky alone come from the analog integrator.
+/// Mean of the green channel over the whole image; the same at any resolution of its shape.
+/// Standard errors are below 0.0006.
 struct Reference {
     scene: &'static str,
-    sun_and_sky: f64,
+    mean: f64,
+    /// Without suns, from the analog integrator.
     sky: f64,
 }
 
-const REFERENCES: [Reference; 2] = [
+const REFERENCES: [Reference; 4] = [
     Reference {
         scene: "cloud",
-        sun_and_sky: 0.5442,
+        mean: 0.5442,
         sky: 0.4256,
     },
     Reference {
+        scene: "cloud_a999",
+        mean: 0.5942,
+        sky: 0.0,
+    },
+    Reference {
         scene: "smoke",
-        sun_and_sky: 0.4519,
+        mean: 0.4519,
         sky: 0.4390,
     },
+    Reference {
+        scene: "absorb",
+        mean: 0.68767,
+        sky: 0.68767,
+    },
+];
+
+/// A change of the scene.
+type Change = fn(&mut Scene);
+
+/// Kernels: a name, and what differs from the scene as it is.
+const VARIANTS: [(&str, Change); 7] = [
+    ("auto", |_| {}),
+    ("delta", |s| {
+        s.transport.tracking.distance = DistanceEstimator::Delta;
+    }),
+    ("regular", |s| {
+        s.transport.tracking.distance = DistanceEstimator::Regular;
+    }),
+    ("ratio", |s| {
+        s.transport.tracking.transmittance = TransmittanceEstimator::Ratio;
+    }),
+    ("exact", |s| {
+        s.transport.tracking.transmittance = TransmittanceEstimator::Exact;
+    }),
+    ("global", |s| {
+        s.transport.tracking.bounds = BoundsKind::Global;
+    }),
+    ("hierarchy", |s| {
+        s.transport.tracking.bounds = BoundsKind::Hierarchy;
+    }),
 ];
 
 /// Asserts that the frame is complete, has no bound violation and the right mean.
@@ -76,36 +112,45 @@ fn bench(c: &mut Criterion) {
         .expect("no other pool was started before");
     for Reference {
         scene: name,
-        sun_and_sky,
+        mean,
         sky,
     } in REFERENCES
     {
         let mut group = c.benchmark_group(format!("frame/{name}"));
         group
             .sample_size(10)
-            .warm_up_time(Duration::from_millis(300))
+            .warm_up_time(Duration::from_millis(200))
             .measurement_time(Duration::from_secs(2));
-        let mut scene: Scene = assets::scene(name);
-        (scene.width, scene.height, scene.spp) = (96, 54, 2);
-        let mut time = |scene: &Scene, variant: &str, expected: f64| {
-            let frame = || render(scene, &NoProgress, &AtomicBool::new(false));
+        let mut time = |variant: &str, change: Change, expected: f64| {
+            let mut scene = assets::scene(name);
+            (scene.width, scene.height, scene.spp) = (128, 72, 4);
+            change(&mut scene);
+            let frame = || render(&scene, &NoProgress, &AtomicBool::new(false));
             let counts = frame().counts;
             let rays = counts.camera_rays as f64;
-            eprintln!(
-                "frame/{name}/{variant}: a camera sample takes {:.2} scatterings, {:.1} segments, \
-                 {:.1} lookups",
-                counts.scattered_rays as f64 / rays,
-                counts.segments as f64 / rays,
-                counts.lookups as f64 / rays,
-            );
+            let bench = format!("frame/{name}/{variant}");
+            for (what, count) in [
+                ("scatterings", counts.scattered_rays),
+                ("shadow_rays", counts.shadow_rays),
+                ("segments", counts.segments),
+                ("lookups", counts.lookups),
+                ("voxel_cells", counts.voxel_cells),
+            ] {
+                assets::note(&bench, what, count as f64 / rays, "1/sample");
+            }
             group.throughput(Throughput::Elements(counts.camera_rays));
             group.bench_function(variant, |b| b.iter(|| check(variant, &frame(), expected)));
         };
-        time(&scene, "path", sun_and_sky);
-        scene.lights.distant.clear();
-        time(&scene, "path sky", sky);
-        scene.transport.integrator = IntegratorKind::Analog;
-        time(&scene, "analog sky", sky);
+        for (variant, change) in VARIANTS {
+            time(variant, change, mean);
+        }
+        if sky > 0.0 {
+            let analog: Change = |s| {
+                s.lights.distant.clear();
+                s.transport.integrator = IntegratorKind::Analog;
+            };
+            time("analog sky", analog, sky);
+        }
         group.finish();
     }
 }

@@ -23,6 +23,7 @@ const TABLE: &[(&str, &str)] = &[
     ("grid/tree", "grid/brick space spectrum"),
     ("grid", "grid space"),
     ("vdb", "vdb grid/brick grid/tree space"),
+    ("cache", "cache vdb grid space"),
     ("phase", "space spectrum sampling"),
     ("camera", "space spectrum sampling"),
     ("light", "space spectrum sampling"),
@@ -36,7 +37,8 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene vdb grid medium phase light camera film space spectrum sampling integrator tracking",
+        "scene vdb cache grid medium phase light camera film space spectrum sampling integrator \
+         tracking",
     ),
     (
         "plan",
@@ -59,7 +61,7 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "cli",
-        "cli space spectrum stats sampling grid vdb phase camera light film medium tracking \
+        "cli space spectrum stats sampling grid vdb cache phase camera light film medium tracking \
          integrator scene plan render output converge verify",
     ),
 ];
@@ -67,18 +69,27 @@ const TABLE: &[(&str, &str)] = &[
 /// Words that only some modules may say, with the reason.
 const RESERVED: &[(&[&str], &[&str], &str)] = &[
     (
-        &["std::fs", "fs::", "File::", "tempfile::", "memmap2::"],
-        &["vdb", "scene", "output", "cli", "main"],
+        &["std::fs", "fs::", "File::", "tempfile::"],
+        &["vdb", "cache", "scene", "output", "cli", "main"],
         "touches the file system",
+    ),
+    (
+        &["memmap2::"],
+        // Values are bytes of a map, of memory or of a file that others opened.
+        &["vdb", "grid/values", "grid/sections"],
+        "maps memory",
     ),
     (
         &["rayon::", "std::thread", "thread::"],
         // `cli` sizes the pool, once, before anything runs in it.
         &[
             "vdb",
+            "cache",
             "render",
             "grid/bounds",
             "grid/columns",
+            "grid/encoding",
+            "grid/values",
             "verify",
             "cli",
         ],

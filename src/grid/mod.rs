@@ -14,6 +14,7 @@
 //! No file format and no optics here: `vdb` fills these structures, `medium` gives the values
 //! a meaning.
 
+mod blocks;
 pub mod bounds;
 pub mod brick;
 mod columns;
@@ -28,6 +29,7 @@ pub mod traverse;
 pub mod tree;
 mod values;
 
+pub use blocks::{Blocks, LOOKUP_COST};
 pub use bounds::Bound;
 pub use brick::Voxel;
 pub use columns::Columns;

@@ -27,17 +27,20 @@ use crate::space::orthonormal_frame;
 /// Directions that are drawn to keep one.
 const CANDIDATES: usize = 16;
 
-/// Mean cosine of the importance lobe over that of the phase function: light that arrives
-/// after one more scattering comes from a wider cone.
-const LOBE_G: f32 = 0.82;
-
 /// Weight of the lobe at full transmittance, for a sun that is all the light there is.
-const LOBE_WEIGHT: f32 = 1.3;
+const LOBE_WEIGHT: f32 = 1.5;
+
+/// Power of the estimated root of the transmittance that the lobe's weight goes with.
+///
+/// Scattered light reaches much deeper than unscattered light. Measured on the comparison cloud,
+/// relMSE · samples a pixel: 1.38 with 1, 0.77 with 0.4, 0.80 with 0.2.
+const LOBE_DEPTH: f32 = 0.4;
 
 /// Below this weight the lobe changes no choice worth sixteen candidates.
-const LEAST_WEIGHT: f32 = 0.07;
+const LEAST_WEIGHT: f32 = 0.02;
 
-/// Below this |g| the phase function has no peak that could be missed.
+/// Below this g the phase function has no peak towards a sun that could be missed. A backward
+/// one, at -0.6, gains 10 % of the variance and costs 30 % of the time.
 const LEAST_G: f32 = 0.3;
 
 /// Sine and cosine of multiples of a sixteenth of a turn.
@@ -114,10 +117,11 @@ impl Guide {
     ) -> (DVec3, f32) {
         let g = phase.mean_cosine();
         let lobes = self.suns.iter().map(|sun| {
-            let weight = sun.lobe_weight * sun.columns.root_transmittance(p_index);
+            let root = sun.columns.root_transmittance(p_index);
+            let weight = sun.lobe_weight * root.powf(LOBE_DEPTH);
             (sun.direction, weight)
         });
-        if g.abs() < LEAST_G || !lobes.clone().any(|(_, weight)| weight > LEAST_WEIGHT) {
+        if g < LEAST_G || !lobes.clone().any(|(_, weight)| weight > LEAST_WEIGHT) {
             return (phase.sample(direction, stream), 1.0);
         }
         // Candidates: one polar angle from each sixteenth of the distribution, azimuths a
@@ -134,7 +138,8 @@ impl Guide {
             let (sin, cos) = TURNS[i * 7 % CANDIDATES];
             azimuth[i] = (sin * cos_0 + cos * sin_0, cos * cos_0 - sin * sin_0);
         }
-        let lobe_g = LOBE_G * g;
+        // Light that arrives after one more scattering comes from a wider cone.
+        let lobe_g = g * g;
         for (sun, weight) in lobes {
             let to_sun = DVec3::new(sun.dot(s), sun.dot(t), sun.dot(direction)).as_vec3();
             for i in 0..CANDIDATES {
@@ -216,7 +221,7 @@ mod tests {
                         square[k] += (w * x).powi(2);
                     }
                 }
-                assert!(weights_vary, "the guide is in use");
+                assert_eq!(weights_vary, g >= LEAST_G, "the guide is in use");
                 // E[cos²] of Henyey–Greenstein is (1 + 2g²)/3, and the rest is symmetric about
                 // the axis: E[(ω·s)²] = c² m + (1 − c²)(1 − m)/2 with c = axis · s.
                 let g = f64::from(g);
@@ -228,7 +233,8 @@ mod tests {
                 for k in 0..5 {
                     let n = f64::from(n);
                     let got = sum[k] / n;
-                    let error = ((square[k] / n - got * got) / n).sqrt();
+                    // Not zero: without a guide all weights are the same.
+                    let error = ((square[k] / n - got * got) / n).sqrt().max(1e-9);
                     let z = (got - expected[k]) / error;
                     assert!(
                         z.abs() < 5.0 && error < 1e-3,

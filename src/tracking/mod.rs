@@ -20,5 +20,5 @@ mod survey;
 pub mod transmittance;
 
 pub use expected::ExpectedFlight;
-pub use settings::{BoundsKind, DistanceEstimator, MERGED_DEPTH, Tracking, TransmittanceEstimator};
+pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 pub use survey::Survey;

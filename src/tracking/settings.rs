@@ -10,6 +10,7 @@ use super::expected::{self, Expected, ExpectedFlight};
 use super::power_series::power_series;
 use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
+use crate::grid::LOOKUP_COST;
 use crate::medium::{Medium, MediumRay, Segments};
 use crate::sampling::Stream;
 use crate::space::Ray;
@@ -87,14 +88,14 @@ named! {
 named! {
     /// Which bounds tracking uses. The tighter, the fewer null collisions and the more steps.
     BoundsKind {
-        /// Bricks, or the whole where that is thin: see [`Tracking::fitted`].
+        /// The hierarchy, or the whole where that is thin: see [`Tracking::fitted`].
         #[default]
         Auto = "auto",
         /// One bound for the whole volume.
         Global = "global",
         /// One bound for each brick of 8³ voxels.
         Brick = "brick",
-        /// That of a brick, of a node of 128³ or of the whole: the largest that makes few collisions.
+        /// That of a brick, or of a block of up to 16³ bricks where they are empty or thin.
         Hierarchy = "hierarchy",
     }
 }
@@ -131,10 +132,6 @@ impl Default for Tracking {
         }
     }
 }
-
-/// Optical depth of the bound below which `Hierarchy` crosses the whole volume, or a node of 128³
-/// voxels, in one segment.
-pub const MERGED_DEPTH: f32 = 3.0;
 
 impl Tracking {
     /// Draws the world distance of the next collision from 0 to `t_max`; `None` if there is
@@ -352,8 +349,8 @@ impl Tracking {
     fn segments(&self) -> Segments {
         match self.bounds {
             BoundsKind::Global => Segments::Whole,
-            BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
-            BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+            BoundsKind::Brick => Segments::Bricks,
+            BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Blocks,
         }
     }
 
@@ -370,7 +367,7 @@ impl Tracking {
         let is_thin = LOOKUP_COST * survey.added_collisions < survey.saved_segments;
         let bounds = match self.bounds {
             BoundsKind::Auto if is_thin => BoundsKind::Global,
-            BoundsKind::Auto => BoundsKind::Brick,
+            BoundsKind::Auto => BoundsKind::Hierarchy,
             asked => asked,
         };
         let rate = match self.transmittance {
@@ -387,10 +384,6 @@ impl Tracking {
         }
     }
 }
-
-/// Cost of a lookup, most of it waiting for memory and for the branch that it decides, in steps
-/// from brick to brick.
-const LOOKUP_COST: f32 = 4.0;
 
 /// Largest rate that `auto` picks.
 const MAX_AUTO_RATE: f32 = 2.0;
