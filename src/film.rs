@@ -231,7 +231,9 @@ mod tests {
 
     fn pixel(samples: impl Iterator<Item = Sample>) -> Pixel {
         let mut batch = Batch::default();
-        samples.for_each(|s| batch.add(&s));
+        for sample in samples {
+            batch.add(&sample);
+        }
         batch.pixel()
     }
 

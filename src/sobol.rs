@@ -105,14 +105,14 @@ impl PixelSequence {
         }
         // Every step changes a bit by lower ones only, which are the digits before it. The even
         // factors are those of [Burley2020].
-        for d in 0..DIMENSIONS {
-            let mut y = x[d];
+        for (d, x) in x.iter_mut().enumerate() {
+            let mut y = *x;
             y ^= y.wrapping_mul(0x3d20_adea);
             y = y.wrapping_add(self.offset[d]);
             y = y.wrapping_mul(self.factor[d]);
             y ^= y.wrapping_mul(0x0552_6c56);
             y ^= y.wrapping_mul(0x53a2_2864);
-            x[d] = y ^ self.shift[d];
+            *x = y ^ self.shift[d];
         }
         x.map(|y| (y.reverse_bits() >> 8) as f32 * (1.0 / 16_777_216.0))
     }
@@ -155,7 +155,9 @@ mod tests {
                         .collect();
                     for d in 0..DIMENSIONS {
                         let mut hit = vec![0; n as usize];
-                        points.iter().for_each(|p| hit[cell(p[d], n)] += 1);
+                        for p in &points {
+                            hit[cell(p[d], n)] += 1;
+                        }
                         assert!(hit.iter().all(|&h| h == 1), "dimension {d}, {n} points");
                     }
                     for log2_x in 0..=log2 {
@@ -180,7 +182,9 @@ mod tests {
             let points: Vec<_> = (0..n).map(|p| sequence(p).point(index)).collect();
             let check = |cells: usize, of: &dyn Fn(&[f32; DIMENSIONS]) -> usize, what: &str| {
                 let mut hit = vec![0.0; cells];
-                points.iter().for_each(|p| hit[of(p)] += 1.0);
+                for p in &points {
+                    hit[of(p)] += 1.0;
+                }
                 let expected = n as f64 / cells as f64;
                 let chi2: f64 = hit
                     .iter()

@@ -37,7 +37,8 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene vdb cache grid medium phase light camera film space spectrum sampling integrator tracking",
+        "scene vdb cache grid medium phase light camera film space spectrum sampling integrator \
+         tracking",
     ),
     (
         "plan",

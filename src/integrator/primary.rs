@@ -66,10 +66,9 @@ impl Kernel {
             return Self::Transmittance;
         };
         match settings.camera_ray {
-            CameraRay::Analog => Self::Analog,
             CameraRay::Expected => Self::Expected,
             CameraRay::Auto if survey.collisions_per_ray < THIN => Self::Expected,
-            CameraRay::Auto => Self::Analog,
+            CameraRay::Auto | CameraRay::Analog => Self::Analog,
         }
     }
 }
