@@ -62,6 +62,18 @@ impl Camera {
         }
     }
 
+    /// Returns where `p_world` is on the film, in [0, 1]² if it is in the image; `None` unless it
+    /// is in front of the camera.
+    pub fn project(&self, p_world: DVec3) -> Option<DVec2> {
+        let d = p_world - self.position;
+        let depth = d.dot(self.forward);
+        // Not only above zero: nearer, the quotients are rounding noise.
+        (depth > 1e-9 * d.length()).then(|| {
+            let offset = DVec2::new(d.dot(self.right), -d.dot(self.up)) / depth;
+            (offset / self.half_size + 1.0) * 0.5
+        })
+    }
+
     /// Returns the distance of `p_world` from the camera along its axis.
     pub fn depth(&self, p_world: DVec3) -> f64 {
         (p_world - self.position).dot(self.forward)
@@ -106,6 +118,14 @@ mod tests {
             (d / d.y - DVec3::new(-1.0, 1.0, 0.5)).length() < 1e-12,
             "{d}"
         );
+        for film in [DVec2::new(0.1, 0.8), DVec2::new(0.9, 0.3)] {
+            let back = camera.project(camera.ray(film).at(3.7)).unwrap();
+            assert!(
+                (back - film).length() < 1e-12,
+                "{film} comes back as {back}"
+            );
+        }
+        assert_eq!(camera.project(DVec3::new(0.0, -3.0, 0.0)), None, "behind");
         assert!((camera.depth(DVec3::new(5.0, 1.0, 9.0)) - 3.0).abs() < 1e-12);
         let p = camera
             .camera_from_world()

@@ -1,22 +1,82 @@
 //! Per-pixel mean and second moment, opacity and depth, with sample counts.
 //!
-//! Moments follow Welford's update in `f64`, so that a pixel of 10⁶ samples loses no digits
-//! and two films merge exactly like one longer run (Chan's formula). No reconstruction
-//! filter: a sample belongs to one pixel (box filter of one pixel width).
+//! A [`Batch`] sums samples and their squares in `f64`, relative to its first sample: no
+//! division for each sample, and no digits lost where samples vary little about a large mean.
+//! [`Pixel`]s merge exactly like one longer run (Chan's formula). No reconstruction filter: a
+//! sample belongs to one pixel (box filter of one pixel width).
 
 use crate::spectrum::Rgb;
 
 /// What one camera path brings home.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Sample {
     /// Radiance towards the camera.
     pub radiance: Rgb,
-    /// World distance to the first collision along the camera axis; `None` if the camera ray
-    /// left the scene without one.
-    pub first_depth: Option<f64>,
+    /// Estimate of the opacity along the camera ray: 0 or 1, or what is between.
+    pub opacity: f64,
+    /// Depth of the first collision along the camera axis.
+    pub depth: f64,
+    /// Its weight in the mean depth; 0 if there is none.
+    pub depth_weight: f64,
 }
 
-/// Running statistics of one pixel.
+/// Sums over samples of one pixel, in the order they come.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Batch {
+    count: u64,
+    /// The first sample's radiance, which is taken off all.
+    origin: [f64; 3],
+    sum: [f64; 3],
+    squares: [f64; 3],
+    opacity: f64,
+    depth_weight: f64,
+    /// Weighted.
+    depth: f64,
+}
+
+impl Batch {
+    /// Adds one sample.
+    #[inline] // bench: frame
+    pub fn add(&mut self, sample: &Sample) {
+        let radiance = sample.radiance.0.map(f64::from);
+        if self.count == 0 {
+            self.origin = radiance;
+        }
+        self.count += 1;
+        for (c, x) in radiance.into_iter().enumerate() {
+            let x = x - self.origin[c];
+            self.sum[c] += x;
+            self.squares[c] += x * x;
+        }
+        self.opacity += sample.opacity;
+        self.depth_weight += sample.depth_weight;
+        self.depth += sample.depth_weight * sample.depth;
+    }
+
+    /// Returns the statistics of the samples so far.
+    pub fn pixel(&self) -> Pixel {
+        if self.count == 0 {
+            return Pixel::default();
+        }
+        let n = self.count as f64;
+        Pixel {
+            count: self.count,
+            mean: std::array::from_fn(|c| self.origin[c] + self.sum[c] / n),
+            // Rounding may take equal samples below zero.
+            m2: std::array::from_fn(|c| (self.squares[c] - self.sum[c] * self.sum[c] / n).max(0.0)),
+            opacity: self.opacity,
+            depth_weight: self.depth_weight,
+            // Zero: nothing was hit.
+            depth_mean: if self.depth_weight > 0.0 {
+                self.depth / self.depth_weight
+            } else {
+                0.0
+            },
+        }
+    }
+}
+
+/// Statistics of one pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Pixel {
     /// Samples taken.
@@ -25,29 +85,21 @@ pub struct Pixel {
     pub mean: [f64; 3],
     /// Sum of squared deviations from the mean, one entry a channel.
     pub m2: [f64; 3],
-    /// Samples whose camera ray collided: the fraction is the opacity.
-    pub hit_count: u64,
-    /// Mean depth of the first collision over those.
+    /// Sum of the samples' opacities.
+    pub opacity: f64,
+    /// Sum of the weights of their depths.
+    pub depth_weight: f64,
+    /// Mean depth of the first collision, so weighted.
     pub depth_mean: f64,
 }
 
 impl Pixel {
-    /// Adds one sample.
-    ///
-    /// # Reference
-    /// `[Welford1962]`.
-    pub fn add(&mut self, sample: &Sample) {
-        self.count += 1;
-        let n = self.count as f64;
-        for (c, &x) in sample.radiance.0.iter().enumerate() {
-            let x = f64::from(x);
-            let delta = x - self.mean[c];
-            self.mean[c] += delta / n;
-            self.m2[c] += delta * (x - self.mean[c]);
-        }
-        if let Some(depth) = sample.first_depth {
-            self.hit_count += 1;
-            self.depth_mean += (depth - self.depth_mean) / self.hit_count as f64;
+    /// Returns `count` samples of one radiance that hit nothing.
+    pub fn constant(radiance: Rgb, count: u64) -> Self {
+        Self {
+            count,
+            mean: radiance.0.map(f64::from),
+            ..Self::default()
         }
     }
 
@@ -56,7 +108,7 @@ impl Pixel {
         if self.count == 0 {
             0.0
         } else {
-            self.hit_count as f64 / self.count as f64
+            self.opacity / self.count as f64
         }
     }
 
@@ -89,9 +141,11 @@ impl Pixel {
             self.m2[c] += other.m2[c] + delta * delta * na * nb / n;
         }
         self.count += other.count;
-        self.hit_count += other.hit_count;
-        if self.hit_count > 0 {
-            let weight = other.hit_count as f64 / self.hit_count as f64;
+        self.opacity += other.opacity;
+        self.depth_weight += other.depth_weight;
+        // Zero: neither has a depth.
+        if self.depth_weight > 0.0 {
+            let weight = other.depth_weight / self.depth_weight;
             self.depth_mean += (other.depth_mean - self.depth_mean) * weight;
         }
     }
@@ -167,50 +221,87 @@ mod tests {
 
     fn sample(i: u32) -> Sample {
         let x = (i as f32 * 0.37).sin() + 2.0;
-        let first_depth = (i.is_multiple_of(3)).then(|| f64::from(i));
         Sample {
             radiance: Rgb([x, x * x, 1.0]),
-            first_depth,
+            opacity: f64::from(i % 3) / 4.0,
+            depth: f64::from(i),
+            depth_weight: f64::from(i % 2),
         }
+    }
+
+    fn pixel(samples: impl Iterator<Item = Sample>) -> Pixel {
+        let mut batch = Batch::default();
+        for sample in samples {
+            batch.add(&sample);
+        }
+        batch.pixel()
     }
 
     #[test]
     fn merged_parts_equal_one_run() {
-        let (mut whole, mut a, mut b) = (Pixel::default(), Pixel::default(), Pixel::default());
-        for i in 0..100 {
-            whole.add(&sample(i));
-            if i < 37 {
-                a.add(&sample(i));
-            } else {
-                b.add(&sample(i));
-            }
-        }
+        let whole = pixel((0..100).map(sample));
+        let mut a = pixel((0..37).map(sample));
+        let b = pixel((37..100).map(sample));
         let mut none = Pixel::default();
         none.merge(&Pixel::default());
         assert_eq!(none, Pixel::default(), "nothing and nothing is nothing");
         a.merge(&b);
-        assert_eq!((a.count, a.hit_count), (whole.count, whole.hit_count));
+        assert_eq!(a.count, whole.count);
         for c in 0..3 {
             assert!((a.mean[c] - whole.mean[c]).abs() < 1e-12, "mean {c}");
             assert!((a.m2[c] - whole.m2[c]).abs() < 1e-10, "m2 {c}");
         }
+        assert!((a.opacity - whole.opacity).abs() < 1e-12, "opacity");
+        assert_eq!(a.depth_weight, whole.depth_weight);
         assert!((a.depth_mean - whole.depth_mean).abs() < 1e-12, "depth");
     }
 
     #[test]
     fn variance_is_the_textbook_one() {
-        let mut p = Pixel::default();
-        for x in [1.0, 2.0, 4.0] {
-            p.add(&Sample {
-                radiance: Rgb::splat(x),
-                first_depth: None,
-            });
-        }
+        let of = |x| Sample {
+            radiance: Rgb::splat(x),
+            ..Sample::default()
+        };
+        let p = pixel([1.0, 2.0, 4.0].map(of).into_iter());
         // mean 7/3, sum of squares 14/3, variance of the mean 14/3 / 2 / 3
         assert!(
             (p.variance_of_mean()[0] - 14.0 / 18.0).abs() < 1e-12,
             "{p:?}"
         );
         assert_eq!(p.alpha(), 0.0);
+    }
+
+    /// Samples of 1e6 that differ by 1: the squares themselves are good to 1e-4 of a unit, those
+    /// about the first sample to all digits.
+    #[test]
+    fn small_deviations_from_a_large_mean_are_not_lost() {
+        let n = 1_000;
+        let p = pixel((0..n).map(|i| Sample {
+            radiance: Rgb::splat(1e6 + (i % 2) as f32),
+            ..Sample::default()
+        }));
+        assert!((p.mean[0] - 1e6 - 0.5).abs() < 1e-9, "{p:?}");
+        assert!((p.m2[0] - f64::from(n) / 4.0).abs() < 1e-6, "{p:?}");
+    }
+
+    #[test]
+    fn depth_is_weighted() {
+        let at = |depth_weight, depth| Sample {
+            depth_weight,
+            depth,
+            ..Sample::default()
+        };
+        let p = pixel([at(0.5, 1.0), at(0.0, 7.0), at(1.0, 4.0)].into_iter());
+        assert!((p.depth_mean - 3.0).abs() < 1e-12, "{p:?}");
+    }
+
+    #[test]
+    fn a_constant_pixel_is_what_its_samples_would_make() {
+        let radiance = Rgb([0.3, 0.45, 0.1]);
+        let samples = (0..7).map(|_| Sample {
+            radiance,
+            ..Sample::default()
+        });
+        assert_eq!(Pixel::constant(radiance, 7), pixel(samples));
     }
 }

@@ -94,6 +94,8 @@ pub mod plot;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod silhouette;
+pub mod sobol;
 pub mod space;
 pub mod spectrum;
 pub mod stats;

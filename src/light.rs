@@ -122,6 +122,12 @@ impl Lights {
         self.environment.max_channel() + suns.sum::<f32>()
     }
 
+    /// Returns what a camera sees looking past the scene, if that is the same everywhere.
+    pub fn constant_radiance(&self) -> Option<Rgb> {
+        let has_disk = self.distant.iter().any(|sun| sun.one_minus_cos > 0.0);
+        (!has_disk).then_some(self.environment)
+    }
+
     /// Returns all that a camera sees looking past the scene: sky and suns' disks.
     pub fn radiance(&self, direction: DVec3) -> Rgb {
         self.distant

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use crate::grid::{Bound, Cells, Columns, DensityGrid, Sampler, Traversal, VoxelWalk};
+use crate::grid::{Blocks, Bound, Cells, Columns, DensityGrid, Sampler, Traversal, VoxelWalk};
 use crate::phase::Phase;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
@@ -21,6 +21,7 @@ pub struct Medium {
     phase: Phase,
     /// World length of the diagonal of one voxel.
     voxel_diagonal: f32,
+    blocks: Arc<Blocks>,
 }
 
 impl Medium {
@@ -35,12 +36,16 @@ impl Medium {
     ) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
         let voxel_diagonal = grid.transform().voxel_size().length() as f32;
+        #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+        let voxel = (grid.transform().voxel_size().element_sum() / 3.0) as f32;
+        let blocks = Arc::new(grid.blocks(sigma_t_per_density * voxel));
         Self {
             grid,
             sigma_t_per_density,
             albedo,
             phase,
             voxel_diagonal,
+            blocks,
         }
     }
 
@@ -144,9 +149,7 @@ impl Medium {
         let cells = match segments {
             Segments::Whole => Cells::Whole,
             Segments::Bricks => Cells::Bricks,
-            Segments::Merged(depth) => {
-                Cells::Merged(f64::from(depth) / f64::from(self.sigma_t_per_density))
-            }
+            Segments::Blocks => Cells::Blocks(&self.blocks),
         };
         MediumRay {
             traversal: self.grid.traverse_cells(origin, direction, t_max, cells),
@@ -163,9 +166,8 @@ pub enum Segments {
     Whole,
     /// A segment for every brick of 8³ voxels.
     Bricks,
-    /// As `Bricks`, but one for the whole medium, or for a node of 128³ voxels, where its majorant,
-    /// times the length of the ray inside it, is below this optical depth.
-    Merged(f32),
+    /// As `Bricks`, but one for a block of bricks that are empty or thin.
+    Blocks,
 }
 
 /// Coarse estimates of the transmittance towards one direction.

@@ -323,7 +323,7 @@ fn channels(film: &Film, colours: Colours) -> AnyChannels<FlatSamples> {
         Colours::Float => float(name, value),
     };
     let depth = |p: &Pixel| {
-        if p.hit_count == 0 {
+        if p.depth_weight == 0.0 {
             f64::INFINITY
         } else {
             p.depth_mean

@@ -7,11 +7,14 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::integrator::IntegratorKind;
+use crate::integrator::{
+    CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
+};
 use crate::medium::Medium;
 use crate::phase::Phase;
+use crate::sampling::SamplerKind;
 use crate::scene::{LoadedVolume, Scene};
-use crate::tracking::{BoundsKind, DistanceEstimator, Survey, Tracking, TransmittanceEstimator};
+use crate::tracking::{BoundsKind, DistanceEstimator, Survey, TransmittanceEstimator};
 
 /// One decision.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -54,8 +57,10 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
         IntegratorKind::Path => add("path integrator", "suns are sampled where they can matter"),
         IntegratorKind::Analog => add("analog integrator", "asked for; no light is sampled"),
     }
+    let absorbs = medium.as_ref().is_some_and(|m| absorbs_only(transport, m));
     match (lights.distant.len(), transport.integrator) {
         (0, _) => add("no shadow rays", "the scene has no sun"),
+        _ if absorbs => add("no shadow rays", "nothing is scattered towards the camera"),
         (_, IntegratorKind::Path) => add("shadow rays", "towards each sun"),
         (_, IntegratorKind::Analog) => add("no shadow rays", "suns are found by chance"),
     }
@@ -72,8 +77,16 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
             &format!("values stored as {encoding}"),
             &volume.stored.explain(medium.sigma_t_per_density()),
         );
-        let shadows = transport.integrator == IntegratorKind::Path && !lights.distant.is_empty();
-        add_tracking(&mut add, medium, transport.tracking, shadows);
+        if absorbs {
+            let estimator = absorbing_tracking(transport.tracking).transmittance;
+            add(
+                &format!("camera rays: transmittance alone, by {estimator}"),
+                "the albedo is 0: no collisions, paths, survey of bounds or lattice of light",
+            );
+        } else {
+            add_tracking(&mut add, medium, transport, !lights.distant.is_empty());
+            add_directions(&mut add, scene, medium.phase());
+        }
         match medium.phase() {
             Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
             Phase::HenyeyGreenstein { g: 0.0 } => {
@@ -94,6 +107,19 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
             add("empty medium", "the density scale is 0");
         }
     }
+    match transport.sampler {
+        SamplerKind::Sobol => add(
+            "first numbers of a path from a scrambled Sobol' sequence",
+            "the variance channel overestimates the noise",
+        ),
+        SamplerKind::Independent => add("all numbers independent", "asked for"),
+    }
+    if lights.constant_radiance().is_some() {
+        add(
+            "no rays in pixels beside the medium",
+            "the sky is one radiance, and no voxel is in the way",
+        );
+    }
     add(
         "no image channels but R G B A Z, variance, sampleCount",
         "none are asked for",
@@ -111,16 +137,57 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
     lines
 }
 
+/// Adds how the path integrator finds the collisions of camera rays.
+fn add_camera_rays(
+    add: &mut impl FnMut(&str, &str),
+    transport: &TransportSettings,
+    survey: &Survey,
+) {
+    let met = survey.collisions_per_ray;
+    let why = match transport.camera_ray {
+        CameraRay::Auto => format!("auto; rays from inside meet {met:.2} collisions on average"),
+        _ => "asked for".to_owned(),
+    };
+    let what = match Kernel::new(transport, Some(survey)) {
+        Kernel::Expected => "camera rays scatter and escape, by expectation",
+        Kernel::Analog | Kernel::Transmittance => "camera rays scatter or escape, by chance",
+    };
+    add(what, &why);
+}
+
+/// Adds how directions of scattering are drawn where there are suns.
+fn add_directions(add: &mut impl FnMut(&str, &str), scene: &Scene, phase: Phase) {
+    if scene.transport.integrator == IntegratorKind::Analog || scene.lights.distant.is_empty() {
+        return;
+    }
+    if steers(phase) {
+        add(
+            "directions chosen from 16",
+            "a narrow phase function can miss the sun",
+        );
+    } else {
+        add(
+            "directions from the phase function alone",
+            "it is broad: choosing would cost more than it gains",
+        );
+    }
+}
+
 /// Adds which estimators track rays, and how often `auto` takes which.
 fn add_tracking(
     add: &mut impl FnMut(&str, &str),
     medium: &Medium,
-    tracking: Tracking,
-    shadows: bool,
+    transport: &TransportSettings,
+    has_suns: bool,
 ) {
-    let survey = Survey::new(medium, &tracking);
-    let asked_bounds = tracking.bounds;
-    let tracking = tracking.fitted(&survey);
+    let survey = Survey::new(medium, &transport.tracking);
+    let asked_bounds = transport.tracking.bounds;
+    let tracking = transport.tracking.fitted(&survey);
+    let is_path = transport.integrator == IntegratorKind::Path;
+    if is_path {
+        add_camera_rays(add, transport, &survey);
+    }
+    let shadows = is_path && has_suns;
     let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
     let (distance, why) = match tracking.distance {

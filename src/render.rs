@@ -10,10 +10,11 @@ use std::time::Instant;
 use glam::DVec2;
 use rayon::prelude::*;
 
-use crate::film::{Film, Pixel, PixelCost, Sample};
+use crate::film::{Batch, Film, Pixel, PixelCost, Sample};
 use crate::integrator::Context;
-use crate::sampling::{Stream, StreamKey};
+use crate::sampling::{Number, PixelStreams};
 use crate::scene::Scene;
+use crate::silhouette::Silhouette;
 use crate::stats::Counts;
 
 /// Pixels along a tile's edge: small enough to balance two threads, large enough that the
@@ -79,11 +80,13 @@ fn render_each(
     let mut film = Film::new(scene.width, scene.height);
     let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
     let done = AtomicU64::new(0);
+    let (medium, camera) = (scene.medium.as_ref(), &scene.camera);
+    let silhouette = Silhouette::new(medium, camera, scene.width, scene.height);
     let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
     let rendered: Vec<(Pixels, Counts, f64)> = tiles
         .par_iter()
         .map(|tile| {
-            let (pixels, counts) = render_tile(scene, &context, tile, cancel);
+            let (pixels, counts) = render_tile(scene, &context, &silhouette, tile, cancel);
             let rays = counts.camera_rays;
             let before = done.fetch_add(rays, Ordering::Relaxed);
             progress.advance(before + rays, total);
@@ -139,36 +142,44 @@ fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
 fn render_tile(
     scene: &Scene,
     context: &Context<'_>,
+    silhouette: &Silhouette,
     tile: &Tile,
     cancel: &AtomicBool,
 ) -> (Pixels, Counts) {
     let mut counts = Counts::default();
+    let scale = DVec2::new(f64::from(scene.width), f64::from(scene.height)).recip();
     let pixels = tile.pixels().map(|(x, y)| {
-        let mut pixel = Pixel::default();
         if cancel.load(Ordering::Relaxed) {
+            return (Pixel::default(), PixelCost::default());
+        }
+        if !silhouette.covers(x, y)
+            && let Some(radiance) = scene.lights.constant_radiance()
+        {
+            counts.camera_rays += u64::from(scene.spp);
+            let pixel = Pixel::constant(radiance, scene.spp.into());
             return (pixel, PixelCost::default());
         }
         let before = counts;
+        let corner = DVec2::new(f64::from(x), f64::from(y));
         let index = u64::from(y) * u64::from(scene.width) + u64::from(x);
+        let streams = PixelStreams::new(scene.seed, scene.frame, index, scene.transport.sampler);
+        let mut batch = Batch::default();
         for sample in 0..u64::from(scene.spp) {
-            let key = StreamKey {
-                seed: scene.seed,
-                frame: scene.frame,
-                pixel: index,
-                sample,
-            };
-            let mut stream = Stream::new(key);
-            let jitter = DVec2::new(f64::from(stream.uniform()), f64::from(stream.uniform()));
-            let size = DVec2::new(f64::from(scene.width), f64::from(scene.height));
-            let film = (DVec2::new(f64::from(x), f64::from(y)) + jitter) / size;
-            let ray = scene.camera.ray(film);
+            let mut stream = streams.stream(sample);
+            let jitter = DVec2::new(
+                f64::from(stream.number(Number::FilmX)),
+                f64::from(stream.number(Number::FilmY)),
+            );
+            let ray = scene.camera.ray((corner + jitter) * scale);
             let path = context.sample_radiance(ray, &mut stream, &mut counts);
             if path.radiance.is_finite() {
-                let depth = |t| scene.camera.depth(ray.at(t));
-                let first_depth = path.first_collision.map(depth);
-                pixel.add(&Sample {
+                let depth = |(t, weight)| (scene.camera.depth(ray.at(t)), f64::from(weight));
+                let (depth, depth_weight) = path.first_collision.map_or((0.0, 0.0), depth);
+                batch.add(&Sample {
                     radiance: path.radiance,
-                    first_depth,
+                    opacity: f64::from(path.opacity),
+                    depth,
+                    depth_weight,
                 });
             } else {
                 counts.non_finite_samples += 1;
@@ -178,7 +189,7 @@ fn render_tile(
             values_read: counts.values_read() - before.values_read(),
             null_collisions: counts.null_collisions - before.null_collisions,
         };
-        (pixel, cost)
+        (batch.pixel(), cost)
     });
     (pixels.collect(), counts)
 }

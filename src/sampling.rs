@@ -7,12 +7,85 @@
 //! The key is hashed to the 128-bit state of a PCG multiplicative generator `[ONeill2014]`,
 //! so neighbouring pixels and samples start at unrelated places of its period of 2¹²⁶. The
 //! chance that any two of 2⁴⁰ streams of 2²⁰ draws overlap is about 2⁻²⁵.
+//!
+//! The first few decisions of a camera path have a number each ([`Number`]), which may come from a
+//! low-discrepancy sequence (see `sobol`); a loop of unknown length draws from the stream.
 
 use glam::DVec3;
 use rand_core::Rng as _;
 use rand_pcg::Pcg64Mcg;
+use serde::{Deserialize, Serialize};
 
+use crate::sobol::{DIMENSIONS, PixelSequence};
 use crate::space::orthonormal_frame;
+
+/// Where the first numbers of a camera path come from.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SamplerKind {
+    /// A scrambled Sobol' sequence for each pixel: less noise, and a variance channel that
+    /// overestimates it.
+    #[default]
+    Sobol,
+    /// Independent numbers: the variance channel is that of the noise.
+    Independent,
+}
+
+impl SamplerKind {
+    /// All of them, in the order of the documentation.
+    pub const ALL: &'static [Self] = &[Self::Sobol, Self::Independent];
+
+    /// Returns its name in scene files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Sobol => "sobol",
+            Self::Independent => "independent",
+        }
+    }
+}
+
+/// The decisions that have a number of their own, by dimension of the sequence.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Number {
+    /// Where in the pixel, across.
+    FilmX = 0,
+    /// Where in the pixel, down.
+    FilmY = 1,
+    /// Which of the camera ray's collisions.
+    Collision = 2,
+    /// Whether the path goes on there.
+    Roulette = 3,
+}
+
+/// The streams of one pixel: what they share is hashed once.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelStreams {
+    hash: u64,
+    sequence: Option<PixelSequence>,
+}
+
+impl PixelStreams {
+    /// Prepares the streams of pixel `pixel`.
+    pub fn new(seed: u64, frame: i32, pixel: u64, sampler: SamplerKind) -> Self {
+        let hash = hash_pixel(seed, frame, pixel);
+        // Other constants than the streams' own, so that neither is a part of the other.
+        let bits = |i: usize| mix(hash.rotate_left(17) ^ (i as u64 + 1).wrapping_mul(GOLDEN));
+        let sequence = (sampler == SamplerKind::Sobol)
+            .then(|| PixelSequence::new(std::array::from_fn(|d| [bits(2 * d), bits(2 * d + 1)])));
+        Self { hash, sequence }
+    }
+
+    /// Starts the stream of sample `sample`.
+    #[inline] // bench: frame
+    pub fn stream(&self, sample: u64) -> Stream {
+        #[expect(clippy::cast_possible_truncation, reason = "the sequence begins again")]
+        let index = sample as u32;
+        Stream {
+            numbers: self.sequence.map(|s| s.point(index)),
+            ..Stream::of(self.hash, sample)
+        }
+    }
+}
 
 /// What a random stream is derived from.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,7 +104,12 @@ pub struct StreamKey {
 #[derive(Clone, Debug)]
 pub struct Stream {
     rng: Pcg64Mcg,
+    /// Of the decisions that have one; `None`: drawn as the rest.
+    numbers: Option<[f32; DIMENSIONS]>,
 }
+
+/// 2⁶⁴ divided by the golden ratio: keeps zero keys from hashing to zero.
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
 
 /// Mixes the bits of `x` so that each input bit flips each output bit with probability 1/2.
 fn mix(x: u64) -> u64 {
@@ -41,28 +119,45 @@ fn mix(x: u64) -> u64 {
     x ^ (x >> 31)
 }
 
+#[expect(
+    clippy::cast_sign_loss,
+    reason = "the frame's bits are hashed, not its value"
+)]
+fn hash_pixel(seed: u64, frame: i32, pixel: u64) -> u64 {
+    let h = mix(seed.wrapping_add(GOLDEN));
+    let h = mix(h ^ u64::from(frame as u32).wrapping_add(GOLDEN));
+    mix(h ^ pixel.wrapping_mul(GOLDEN))
+}
+
 impl Stream {
-    /// Starts the stream of a key.
-    #[expect(
-        clippy::cast_sign_loss,
-        reason = "the frame's bits are hashed, not its value"
-    )]
+    /// Starts the stream of a key, all of its numbers independent.
     pub fn new(key: StreamKey) -> Self {
-        /// 2⁶⁴ divided by the golden ratio: keeps zero keys from hashing to zero.
-        const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
         let StreamKey {
             seed,
             frame,
             pixel,
             sample,
         } = key;
-        let h = mix(seed.wrapping_add(GOLDEN));
-        let h = mix(h ^ u64::from(frame as u32).wrapping_add(GOLDEN));
-        let h = mix(h ^ pixel.wrapping_mul(GOLDEN));
-        let low = mix(h ^ sample.wrapping_add(GOLDEN));
-        let high = mix(low ^ h.rotate_left(32));
+        Self::of(hash_pixel(seed, frame, pixel), sample)
+    }
+
+    #[inline] // bench: frame
+    fn of(hash: u64, sample: u64) -> Self {
+        let low = mix(hash ^ sample.wrapping_add(GOLDEN));
+        let high = mix(low ^ hash.rotate_left(32));
         Self {
             rng: Pcg64Mcg::new(u128::from(high) << 64 | u128::from(low)),
+            numbers: None,
+        }
+    }
+
+    /// Returns the uniform number in [0, 1) of a decision: the same one each time if it comes from
+    /// a sequence, so to be asked for once a path.
+    #[inline] // bench: frame
+    pub fn number(&mut self, of: Number) -> f32 {
+        match self.numbers {
+            Some(numbers) => numbers[of as usize],
+            None => self.uniform(),
         }
     }
 

@@ -17,7 +17,8 @@ const TABLE: &[(&str, &str)] = &[
     ("space", ""),
     ("spectrum", ""),
     ("stats", ""),
-    ("sampling", "space spectrum"),
+    ("sobol", ""),
+    ("sampling", "sobol space spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
     ("grid", "grid space"),
@@ -28,6 +29,7 @@ const TABLE: &[(&str, &str)] = &[
     ("light", "space spectrum sampling"),
     ("film", "space spectrum"),
     ("medium", "space spectrum sampling stats phase grid"),
+    ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),
     (
         "integrator",
@@ -35,15 +37,16 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene vdb cache grid medium phase light camera film space spectrum integrator tracking",
+        "scene vdb cache grid medium phase light camera film space spectrum sampling integrator \
+         tracking",
     ),
     (
         "plan",
-        "scene vdb grid medium phase light camera space spectrum integrator tracking",
+        "scene vdb grid medium phase light camera space spectrum sampling integrator tracking",
     ),
     (
         "render",
-        "scene plan camera integrator film sampling stats light medium space spectrum",
+        "scene plan silhouette camera integrator film sampling stats light medium space spectrum",
     ),
     (
         "verify",

@@ -9,7 +9,7 @@ use majorant::converge::estimator::{Estimator, EstimatorError, parse_list};
 use majorant::converge::ladder::{Comparison, Extent, Record, Seconds, measure};
 use majorant::converge::metrics::errors;
 use majorant::converge::{Reference, covered_pixels, summarise};
-use majorant::film::{Film, Sample};
+use majorant::film::{Batch, Film, Sample};
 use majorant::render::NoProgress;
 use majorant::sampling::{Stream, StreamKey};
 use majorant::scene::desc::unplaced;
@@ -24,6 +24,7 @@ const HEIGHT: u32 = 48;
 fn noisy_film(seed: u64, spp: u64, truth: impl Fn(u32, u32) -> f32) -> Film {
     let mut film = Film::new(WIDTH, HEIGHT);
     for (i, pixel) in (0_u32..).zip(film.pixels_mut()) {
+        let mut batch = Batch::default();
         for sample in 0..spp {
             let mut stream = Stream::new(StreamKey {
                 seed,
@@ -32,11 +33,12 @@ fn noisy_film(seed: u64, spp: u64, truth: impl Fn(u32, u32) -> f32) -> Film {
                 sample,
             });
             let noise: [f32; 3] = std::array::from_fn(|_| 0.5 * (stream.exponential() - 1.0));
-            pixel.add(&Sample {
+            batch.add(&Sample {
                 radiance: Rgb(noise.map(|n| truth(i % WIDTH, i / WIDTH) + n)),
-                first_depth: None,
+                ..Sample::default()
             });
         }
+        *pixel = batch.pixel();
     }
     film
 }

@@ -59,7 +59,7 @@ fn every_scene_renders() {
             .film
             .pixels()
             .iter()
-            .filter(|p| p.hit_count > 0)
+            .filter(|p| p.opacity > 0.0)
             .count();
         let share = hit as f64 / rendered.film.pixels().len() as f64;
         assert!(

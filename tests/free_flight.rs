@@ -287,7 +287,7 @@ fn segments(bounds: BoundsKind) -> Segments {
     match bounds {
         BoundsKind::Global => Segments::Whole,
         BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
-        BoundsKind::Hierarchy => Segments::Merged(3.0),
+        BoundsKind::Hierarchy => Segments::Blocks,
     }
 }
 

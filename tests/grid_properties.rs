@@ -162,7 +162,10 @@ proptest! {
         let tree = build(&recipe);
         let o = recipe.base.as_dvec3() + start;
         let grid = grid(tree.clone());
-        for cells in [Cells::Bricks, Cells::Whole, Cells::Merged(2.0), Cells::Merged(1e9)] {
+        // Blocks where nothing is, where little is, and wherever they can be.
+        let blocks = [f32::INFINITY, 0.02, 0.0].map(|depth| grid.blocks(depth));
+        let kinds = [Cells::Bricks, Cells::Whole].into_iter().chain(blocks.iter().map(Cells::Blocks));
+        for cells in kinds {
             let mut at = 0.0;
             let mut gaps = Vec::new();
             for (count, s) in grid.traverse_cells(o, d, f64::INFINITY, cells).enumerate() {
@@ -195,6 +198,37 @@ proptest! {
                     // At large offsets a point a rounding error inside a cell may read its face.
                     let v = grid.sampler().trilinear(p);
                     prop_assert!(v < 1e-5, "{v} at {p} in the gap {a} to {b}");
+                }
+            }
+        }
+    }
+
+    /// A walk that turns goes on as a new walk from there does.
+    #[test]
+    fn a_turn_is_a_new_start(recipe in recipe(), (start, d) in rays(), (_, next) in rays(), part in 0.0..1.0_f64) {
+        let grid = grid(build(&recipe));
+        let o = recipe.base.as_dvec3() + start;
+        let blocks = grid.blocks(0.02);
+        for cells in [Cells::Bricks, Cells::Whole, Cells::Blocks(&blocks)] {
+            let mut walk = grid.traverse_cells(o, d, 1e4, cells);
+            while let Some(s) = walk.next() {
+                let t = s.t0 + part * (s.t1 - s.t0);
+                let mut turned = walk.clone();
+                turned.turn(t, next, 100.0);
+                let fresh = grid.traverse_cells(o + d * t, next, 100.0, cells);
+                // Lengths up to rounding at the start, where one may see a sliver of another cell.
+                let ulp = 1e-12 * (1.0 + o.abs().max_element() + s.t1 * d.abs().max_element());
+                let slivers = 20.0 * ulp / next.abs().min_element().max(1e-12);
+                let measure = |walk: &mut dyn Iterator<Item = Segment>| {
+                    walk.fold((0.0, 0.0), |(length, depth), s| {
+                        let l = s.t1 - s.t0;
+                        (length + l, depth + l * f64::from(s.bound.max))
+                    })
+                };
+                let (a, b) = (measure(&mut turned), measure(&mut fresh.into_iter()));
+                if slivers < 1e-3 {
+                    prop_assert!((a.0 - b.0).abs() <= slivers + 1e-9, "lengths {a:?} and {b:?} after {s:?}");
+                    prop_assert!((a.1 - b.1).abs() <= 100.0 * slivers + 1e-7, "depths {a:?} and {b:?} after {s:?}");
                 }
             }
         }

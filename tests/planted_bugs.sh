@@ -24,7 +24,11 @@ bugs=(
     'roulette without weight @@ src/tracking/transmittance.rs @@ self.weight = self.roulette_weight; @@ @@ transmittance: oblique step'
     'path roulette without weight @@ src/integrator/path.rs @@ throughput *= ROULETTE_WEIGHT / weight; @@ @@ dark slab'
     'sun disk of twice the radiance @@ src/light.rs @@ 1.0 / (PI * x * (2.0 - x)) @@ 2.0 / (PI * x * (2.0 - x)) @@ first order flux'
-    'samples share a stream @@ src/sampling.rs @@ mix(h ^ sample.wrapping_add(GOLDEN)) @@ mix(h ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
+    'expected collision: always the last @@ src/tracking/expected.rs @@ if left < w { @@ if w > 0.0 { @@ -'
+    'expected collision: weight not used up @@ src/tracking/expected.rs @@ self.weight -= w; @@ @@ -'
+    'roulette about black @@ src/integrator/primary.rs @@ sky(opacity - weight) + scattered @@ sky(opacity) + scattered @@ -'
+    'voxels felt in their own cell only @@ src/grid/occupied.rs @@ visit(around(min, -1.0), around(max, 1.0)) @@ visit(around(min, 0.0), around(max, 1.0)) @@ -'
+    'samples share a stream @@ src/sampling.rs @@ mix(hash ^ sample.wrapping_add(GOLDEN)) @@ mix(hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
 )
 # For `--verify` alone: what tests see less directly.
 more_bugs=(
@@ -38,7 +42,7 @@ more_bugs=(
     'a cap of 64 bounces @@ src/integrator/path.rs @@ settings.max_bounces == Some(bounces) @@ settings.max_bounces == Some(bounces) || bounces == 64 @@ thousands of bounces: cloud'
     'uniform numbers of 24 bits @@ src/sampling.rs @@ -self.uniform_positive().ln() @@ -(1.0 - self.uniform()).ln() @@ ends of the uniform'
     'textbook form of Henyey and Greenstein @@ src/phase.rs @@ e * (1.0 - u) * (s + e) / d @@ 1.0 - (1.0 + a * a - s * s) / (2.0 * a) @@ g near'
-    'pixels share their noise @@ src/render.rs @@ pixel: index, @@ pixel: index / 2, @@ independent pixels'
+    'pixels share their noise @@ src/sampling.rs @@ pixel.wrapping_mul(GOLDEN) @@ (pixel / 2).wrapping_mul(GOLDEN) @@ independent pixels'
 )
 
 mode=tests
@@ -57,7 +61,7 @@ put_copy() { # bug, or nothing
 }
 run_tests() {
     put_copy "$@"
-    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test grid_properties 2>&1)
+    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties 2>&1)
 }
 # Debug assertions are off, as for users. A check that does not end in ten minutes counts as failed.
 run_rows() { # checks, bug or nothing

@@ -6,7 +6,8 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, IVec3};
 use majorant::grid::StorageKind;
-use majorant::integrator::IntegratorKind;
+use majorant::integrator::{CameraRay, IntegratorKind};
+use majorant::sampling::SamplerKind;
 use majorant::scene::MAX_RESOLUTION;
 use majorant::scene::default_look::UpAxis;
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
@@ -176,9 +177,15 @@ pub(super) struct RenderArgs {
     pub(super) sanitize: bool,
 }
 
-/// Which estimators track rays.
+/// Which estimators track rays, and which numbers they use.
 #[derive(Debug, clap::Args)]
 pub(super) struct TrackingArgs {
+    /// Collisions of camera rays: auto, expected or analog
+    #[arg(long, value_name = "NAME", value_parser = parse_named(CameraRay::ALL, CameraRay::name))]
+    pub(super) camera_ray: Option<CameraRay>,
+    /// First numbers of a path: sobol or independent
+    #[arg(long, value_name = "NAME", value_parser = parse_named(SamplerKind::ALL, SamplerKind::name))]
+    pub(super) sampler: Option<SamplerKind>,
     /// Free flight: auto, delta, decomposition, regular or closed-form
     #[arg(long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
     pub(super) distance: Option<DistanceEstimator>,

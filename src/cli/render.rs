@@ -195,6 +195,8 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
         desc.render.integrator = unplaced(integrator.into());
     }
     let TrackingArgs {
+        camera_ray,
+        sampler,
         distance,
         transmittance,
         bounds,
@@ -202,6 +204,12 @@ fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
         flight_rate,
         march_step,
     } = args.tracking;
+    if let Some(camera_ray) = camera_ray {
+        desc.render.camera_ray = camera_ray;
+    }
+    if let Some(sampler) = sampler {
+        desc.render.sampler = sampler;
+    }
     if let Some(distance) = distance {
         desc.render.distance = unplaced(distance);
     }

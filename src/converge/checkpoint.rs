@@ -10,7 +10,7 @@ use super::ladder::{Measurement, Record};
 use crate::film::{Pixel, PixelCost};
 
 /// Numbers for a pixel, of eight bytes each.
-const PIXEL_WORDS: usize = 11;
+const PIXEL_WORDS: usize = 12;
 
 /// A checkpoint that cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -60,14 +60,16 @@ pub fn to_bytes(key: &str, record: &Record) -> Result<Vec<u8>, CheckpointError> 
             count,
             mean,
             m2,
-            hit_count,
+            opacity,
+            depth_weight,
             depth_mean,
         } = pixel;
         bytes.extend(count.to_le_bytes());
         for x in mean.iter().chain(m2) {
             bytes.extend(x.to_le_bytes());
         }
-        bytes.extend(hit_count.to_le_bytes());
+        bytes.extend(opacity.to_le_bytes());
+        bytes.extend(depth_weight.to_le_bytes());
         bytes.extend(depth_mean.to_le_bytes());
         bytes.extend(cost.values_read.to_le_bytes());
         bytes.extend(cost.null_collisions.to_le_bytes());
@@ -106,12 +108,13 @@ pub fn from_bytes(bytes: &[u8]) -> Result<(String, Record), CheckpointError> {
             count: words[0],
             mean: [1, 2, 3].map(number),
             m2: [4, 5, 6].map(number),
-            hit_count: words[7],
-            depth_mean: number(8),
+            opacity: number(7),
+            depth_weight: number(8),
+            depth_mean: number(9),
         };
         *cost = PixelCost {
-            values_read: words[9],
-            null_collisions: words[10],
+            values_read: words[10],
+            null_collisions: words[11],
         };
     }
     Ok((header.key, record))
@@ -129,7 +132,8 @@ mod tests {
             pixel.count = u64::from(i);
             pixel.mean = [f64::from(i) / 3.0, 1e300, -0.0];
             pixel.m2 = [f64::MIN_POSITIVE, 0.1 + 0.2, f64::from(i)];
-            pixel.hit_count = 7;
+            pixel.opacity = 6.5;
+            pixel.depth_weight = 0.75;
             pixel.depth_mean = f64::from(i).sqrt();
         }
         record.costs[5].values_read = u64::MAX;

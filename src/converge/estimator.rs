@@ -9,6 +9,7 @@
 use std::fmt;
 
 use crate::integrator::{IntegratorKind, TransportSettings};
+use crate::sampling::SamplerKind;
 use crate::scene::Scene;
 use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 
@@ -140,6 +141,8 @@ impl Estimator {
         scene.transport = TransportSettings {
             integrator: self.integrator,
             tracking: self.tracking,
+            // The metrics take an image's noise to be that of independent samples.
+            sampler: SamplerKind::Independent,
             ..scene.transport
         };
     }

@@ -76,10 +76,6 @@ pub struct Bounds {
     pub(super) root: Vec<Bound>,
     pub(super) upper: Vec<Bound>,
     pub(super) lower: Vec<Bound>,
-    /// For each of the latter, [`NOT_EMPTY`], or the base-2 logarithm of the largest block of empty
-    /// cells, aligned to its size in its node, that holds it. A quarter of a cache line tells of
-    /// 16 cells, so rays through empty space leave the bounds alone.
-    pub(super) empty: Vec<i8>,
     /// Lowest and highest brick, in brick coordinates, of those that are not zero; `None` if
     /// all is zero.
     pub(super) occupied: Option<(IVec3, IVec3)>,
@@ -327,15 +323,10 @@ impl Bounds {
         upper: Vec<Bound>,
         lower: Vec<Bound>,
     ) -> Self {
-        let empty = lower
-            .par_chunks(LOWER_LEN)
-            .flat_map_iter(empty_blocks)
-            .collect();
         let mut bounds = Self {
             root,
             upper,
             lower,
-            empty,
             occupied: None,
             whole: Bound::EMPTY,
         };
@@ -399,41 +390,8 @@ impl Bounds {
 
     /// Returns the bytes that the bounds occupy.
     pub(super) fn memory_bytes(&self) -> usize {
-        size_of_val(&self.root[..])
-            + size_of_val(&self.upper[..])
-            + size_of_val(&self.lower[..])
-            + size_of_val(&self.empty[..])
+        size_of_val(&self.root[..]) + size_of_val(&self.upper[..]) + size_of_val(&self.lower[..])
     }
-}
-
-/// In place of the size of an empty block: the cell's bound is not zero.
-pub(super) const NOT_EMPTY: i8 = -1;
-
-/// Returns what [`Bounds::empty`] holds for the cells of one lower node.
-fn empty_blocks(cells: &[Bound]) -> Vec<i8> {
-    let mut blocks: Vec<i8> = cells
-        .iter()
-        .map(|b| if b.max > 0.0 { NOT_EMPTY } else { 0 })
-        .collect();
-    let size = 1 << LOWER_LOG2;
-    for log2 in 1..=LOWER_LOG2 {
-        let step = 1 << log2;
-        let corners = || (0..size).step_by(step);
-        for (x, y, z) in
-            corners().flat_map(|x| corners().flat_map(move |y| corners().map(move |z| (x, y, z))))
-        {
-            let slots = move || {
-                (0..step * step * step).map(move |i: usize| {
-                    let (i, j, k) = (i >> (2 * log2), i >> log2 & (step - 1), i & (step - 1));
-                    (x + i) << (2 * LOWER_LOG2) | (y + j) << LOWER_LOG2 | (z + k)
-                })
-            };
-            if slots().all(|s| blocks[s] != NOT_EMPTY) {
-                slots().for_each(|s| blocks[s] += 1);
-            }
-        }
-    }
-    blocks
 }
 
 /// Returns whether the upper neighbours of a tile are in its own node and the same tile: the

@@ -2,6 +2,7 @@
 
 use glam::DVec3;
 
+use super::blocks::Blocks;
 use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
 use super::directory::Directory;
@@ -20,6 +21,8 @@ pub struct DensityGrid {
     pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
+    /// Blocks of empty cells.
+    pub(super) empty_blocks: Blocks,
     transform: IndexTransform,
 }
 
@@ -98,6 +101,7 @@ impl DensityGrid {
         transform: IndexTransform,
     ) -> Self {
         let directory = Directory::new(&tree, &bounds);
+        let empty_blocks = Blocks::new(&bounds.lower, f32::INFINITY);
         tree.drop_origins();
         // Outside of the table, where everything reads as the background, nothing asks for upper
         // nodes, of which a grid of 128³ voxels has eight: 4 MB, twice its values.
@@ -110,6 +114,7 @@ impl DensityGrid {
             values,
             bounds,
             directory,
+            empty_blocks,
             transform,
         }
     }
@@ -131,14 +136,23 @@ impl DensityGrid {
 
     /// As [`traverse`](Self::traverse), over other cells.
     #[inline] // bench: frame
-    pub fn traverse_cells(
-        &self,
+    pub fn traverse_cells<'a>(
+        &'a self,
         origin: DVec3,
         direction: DVec3,
         t_max: f64,
-        cells: Cells,
-    ) -> Traversal<'_> {
+        cells: Cells<'a>,
+    ) -> Traversal<'a> {
         Traversal::new(self, origin, direction, t_max, cells)
+    }
+
+    /// Chooses blocks of cells that a ray crosses in one step, for a medium whose optical depth is
+    /// `depth_per_density` along one voxel of density 1.
+    ///
+    /// # Cost
+    /// A look at each cell.
+    pub fn blocks(&self, depth_per_density: f32) -> Blocks {
+        Blocks::new(&self.bounds.lower, depth_per_density)
     }
 
     /// Returns the bound of all values, background included; empty for an empty grid.
@@ -253,5 +267,6 @@ impl DensityGrid {
             + self.values.memory_bytes()
             + self.bounds.memory_bytes()
             + self.directory.memory_bytes()
+            + self.empty_blocks.memory_bytes()
     }
 }

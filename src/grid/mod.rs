@@ -14,6 +14,7 @@
 //! No file format and no optics here: `vdb` fills these structures, `medium` gives the values
 //! a meaning.
 
+mod blocks;
 pub mod bounds;
 pub mod brick;
 mod columns;
@@ -21,12 +22,14 @@ mod cubic;
 mod density;
 mod directory;
 mod encoding;
+mod occupied;
 pub mod sampler;
 pub(crate) mod sections;
 pub mod traverse;
 pub mod tree;
 mod values;
 
+pub use blocks::{Blocks, LOOKUP_COST};
 pub use bounds::Bound;
 pub use brick::Voxel;
 pub use columns::Columns;

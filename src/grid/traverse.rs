@@ -1,7 +1,8 @@
 //! Walking a ray through the tree: gap-free, ordered intervals of `t` with their bounds.
 //!
-//! The walk is a digital differential analyser `[Amanatides1987]` over 8³ cells that takes the
-//! largest empty step the tree allows: a cell of 4096³, 128³ or 8³ voxels. What keeps it exact:
+//! The walk is a digital differential analyser `[Amanatides1987]` over cells of 8³ voxels. Tiles and
+//! empty nodes of 128³ or 4096³ voxels are crossed in one step, and so are blocks of cells in which
+//! there is nothing, or little (see `blocks`). What keeps it exact:
 //!
 //! * The cell is an integer; it moves by whole cells and never comes from rounding a point,
 //!   save after a large step, where the point is clamped into the cell that was left. No
@@ -13,7 +14,8 @@
 
 use glam::{DVec3, IVec3};
 
-use super::bounds::{Bound, NOT_EMPTY};
+use super::blocks::Blocks;
+use super::bounds::Bound;
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::density::DensityGrid;
 use super::directory::{self, Content};
@@ -31,20 +33,19 @@ pub struct Segment {
     pub bound: Bound,
     /// Lowest voxel of the cell.
     pub first: IVec3,
-    /// Highest voxel of the cell: 7, 127 or 4095 further, unless the cell is the whole grid.
+    /// Highest voxel of the cell: 7 further in a brick, more in a block, a node or the whole grid.
     pub last: IVec3,
 }
 
 /// Which cells a ray is cut into.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Cells {
+#[derive(Clone, Copy, Debug)]
+pub enum Cells<'a> {
     /// One: the box of all that is not zero, with the bound of the whole grid.
     Whole,
     /// Bricks of 8³ voxels; tiles and empty nodes, whatever their size, are one cell.
     Bricks,
-    /// As `Bricks`, but the whole, or a node of 128³ voxels, is one cell where its maximum, times
-    /// the length of the ray inside it, is below this number.
-    Merged(f64),
+    /// As `Bricks`, but the bricks of a block are one cell.
+    Blocks(&'a Blocks),
 }
 
 /// An iterator over the segments of a ray whose bound is not zero, in order.
@@ -57,8 +58,8 @@ pub struct Traversal<'a> {
     grid: &'a DensityGrid,
     /// Bounds of the cells of lower nodes, in the order of the tree's slots.
     lower: &'a [Bound],
-    /// Whether they are empty, as `Bounds::empty`.
-    empty: &'a [i8],
+    /// The blocks of cells that are crossed in one step.
+    blocks: &'a Blocks,
     /// Origin and direction in cells, an eighth of index space: exact, as eight is a power of two.
     origin: DVec3,
     direction: DVec3,
@@ -83,7 +84,10 @@ pub struct Traversal<'a> {
     t1: f64,
     axis: usize,
     t_end: f64,
-    cells: Cells,
+    /// Base-2 logarithm of the edge, in cells, of the segment at hand in a lower node.
+    log2: u32,
+    /// Whether everything is one segment.
+    is_whole: bool,
 }
 
 /// What the cell at hand is stored in.
@@ -93,7 +97,7 @@ enum Node {
     Unknown,
     /// A lower node that is not empty: 16³ cells.
     Lower,
-    /// One bound for a cell of `2^log2` bricks an edge: a tile, or an empty or merged node.
+    /// One bound for a cell of `2^log2` bricks an edge: a tile, or an empty node.
     Large { log2: u32, bound: Bound },
     /// One bound for everything.
     Whole,
@@ -101,10 +105,6 @@ enum Node {
 
 /// Slots of a lower node from a cell to the next along each axis.
 const STRIDES: [usize; 3] = [1 << (2 * LOWER_LOG2), 1 << LOWER_LOG2, 1];
-
-/// Blocks of at least `2^LEAST_LEAP` cells an edge are crossed in one step: a leap costs as much as
-/// two or three small steps.
-const LEAST_LEAP: i8 = 2;
 
 /// In place of an axis: the cell at hand has not been visited yet.
 const STAY: usize = 3;
@@ -116,13 +116,18 @@ impl<'a> Traversal<'a> {
         origin: DVec3,
         direction: DVec3,
         t_max: f64,
-        cells: Cells,
+        cells: Cells<'a>,
     ) -> Self {
         let scale = f64::from(BRICK_DIM).recip();
+        // Where root cells are missing there is no density, but a sampler reads the background.
+        let has_no_background = grid.tree.background() == 0.0;
         let mut walk = Self {
             grid,
             lower: &grid.bounds.lower,
-            empty: &grid.bounds.empty,
+            blocks: match cells {
+                Cells::Blocks(blocks) if has_no_background => blocks,
+                _ => &grid.empty_blocks,
+            },
             origin: origin * scale,
             direction: direction * scale,
             inverse: DVec3::INFINITY,
@@ -138,12 +143,8 @@ impl<'a> Traversal<'a> {
             t1: 0.0,
             axis: STAY,
             t_end: t_max,
-            // Where root cells are missing there is no density, but a sampler reads the background.
-            cells: if grid.tree.background() == 0.0 {
-                cells
-            } else {
-                Cells::Bricks
-            },
+            log2: 0,
+            is_whole: matches!(cells, Cells::Whole) && has_no_background,
         };
         walk.start();
         walk
@@ -168,14 +169,11 @@ impl<'a> Traversal<'a> {
         (self.t0, self.t1) = (t0, t0);
         self.cell = floor_to_voxel(self.at(t0)).clamp(first, last).to_array();
         self.axis = STAY;
-        let is_whole = match self.cells {
-            Cells::Whole => true,
-            Cells::Bricks => false,
-            Cells::Merged(below) => {
-                f64::from(self.grid.bounds.whole.max) * (self.t_end - t0) < below
-            }
+        self.node = if self.is_whole {
+            Node::Whole
+        } else {
+            Node::Unknown
         };
-        self.node = if is_whole { Node::Whole } else { Node::Unknown };
         self.aim(inverse);
     }
 
@@ -212,6 +210,11 @@ impl<'a> Traversal<'a> {
         if !matches!(self.node, Node::Lower) {
             self.start();
             return;
+        }
+        if self.log2 > 0 {
+            let block = IVec3::from_array(self.cell) & !((1 << self.log2) - 1);
+            let last = block + ((1 << self.log2) - 1);
+            self.set_cell(floor_to_voxel(self.origin).clamp(block, last));
         }
         // Rounding may have put the origin just outside of the cell, whose exit is then below 0:
         // an empty segment.
@@ -261,13 +264,16 @@ impl<'a> Traversal<'a> {
         }
     }
 
-    /// Moves past the empty block of `2^log2` cells an edge that holds the cell, in a lower node.
-    fn leap_empty(&mut self, log2: u32) {
-        let size = 1 << log2;
-        let exit = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
-        self.axis = smallest(exit);
-        self.t1 = exit[self.axis].max(self.t1);
-        self.leap(size);
+    /// Moves to `cell` in the same lower node.
+    #[inline] // bench: traversal
+    fn set_cell(&mut self, cell: IVec3) {
+        self.cell = cell.to_array();
+        self.slot = (self.slot & !(LOWER_LEN - 1)) + lower_slot(cell << BRICK_LOG2);
+    }
+
+    /// Moves past the block at hand, of several cells of a lower node.
+    fn leap_block(&mut self) {
+        self.leap(1 << self.log2);
         // On any axis: the block may reach out of the box.
         let is_inside = (0..3).all(|i| {
             if self.ahead[i] == 1 {
@@ -277,11 +283,9 @@ impl<'a> Traversal<'a> {
             }
         });
         if is_inside {
-            let node = self.slot & !(LOWER_LEN - 1);
-            self.slot = node + lower_slot(IVec3::from_array(self.cell) << BRICK_LOG2);
             self.node = Node::Lower;
+            self.set_cell(IVec3::from_array(self.cell));
         }
-        self.axis = STAY;
     }
 
     /// Moves past the block of `size` cells that holds the cell.
@@ -303,17 +307,6 @@ impl<'a> Traversal<'a> {
         self.node = Node::Unknown;
     }
 
-    /// Returns whether the 128³ node that holds the cell, of this bound, is walked as one.
-    fn merges(&self, bound: Bound) -> bool {
-        let Cells::Merged(below) = self.cells else {
-            return false;
-        };
-        let size = 1 << LOWER_LOG2;
-        let exit = self.exit(0, size).min(self.exit(1, size));
-        let exit = exit.min(self.exit(2, size)).min(self.t_end);
-        f64::from(bound.max) * (exit - self.t1) < below
-    }
-
     /// Finds out what holds the cell, or ends the walk if it is outside of the box.
     fn enter_node(&mut self) {
         let DensityGrid {
@@ -330,9 +323,7 @@ impl<'a> Traversal<'a> {
         }
         let directory::Node { bound, content } = directory.node(tree, bounds, cell >> LOWER_LOG2);
         self.node = match content {
-            Content::Lower(base)
-                if bound.max > 0.0 && !bound.is_constant() && !self.merges(bound) =>
-            {
+            Content::Lower(base) if bound.max > 0.0 && !bound.is_constant() => {
                 self.slot = base + lower_slot(cell << BRICK_LOG2);
                 self.set_stops();
                 Node::Lower
@@ -375,24 +366,29 @@ impl<'a> Traversal<'a> {
                 continue;
             }
             if self.axis != STAY {
-                self.advance(self.axis);
+                if self.log2 == 0 {
+                    self.advance(self.axis);
+                } else {
+                    self.leap_block();
+                }
                 if !matches!(self.node, Node::Lower) {
                     self.axis = STAY;
                     continue;
                 }
             }
-            let empty = self.empty[self.slot];
-            if empty >= LEAST_LEAP {
-                self.leap_empty(empty.unsigned_abs().into());
-                continue;
-            }
-            let axis = smallest(self.exit);
-            let t1 = self.exit[axis].max(t0);
-            self.axis = axis;
+            self.log2 = self.blocks.log2(self.slot);
+            let (bound, exit) = if self.log2 == 0 {
+                (self.lower[self.slot], self.exit)
+            } else {
+                let size = 1 << self.log2;
+                let exit = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
+                (self.blocks.bound(self.slot, self.log2), exit)
+            };
+            self.axis = smallest(exit);
             self.t0 = t0;
-            self.t1 = t1;
-            if empty == NOT_EMPTY && t1 > t0 {
-                return Some(self.lower[self.slot]);
+            self.t1 = exit[self.axis].max(t0);
+            if bound.max > 0.0 && self.t1 > t0 {
+                return Some(bound);
             }
         }
     }
@@ -445,7 +441,7 @@ impl<'a> Traversal<'a> {
     pub(super) fn at_in_brick(&self, t: f64) -> Option<(usize, DVec3)> {
         let [x, y, z] = self.cell.map(f64::from);
         let p = (self.at(t) - DVec3::new(x, y, z)) * f64::from(BRICK_DIM);
-        matches!(self.node, Node::Lower).then_some((self.slot, p))
+        (matches!(self.node, Node::Lower) && self.log2 == 0).then_some((self.slot, p))
     }
 
     /// Returns the first voxel of the cell at hand and how many the cell has along each edge.
@@ -457,7 +453,7 @@ impl<'a> Traversal<'a> {
                 return (first << BRICK_LOG2, (last - first + 1) << BRICK_LOG2);
             }
             Node::Large { log2, .. } => 1 << log2,
-            Node::Unknown | Node::Lower => 1,
+            Node::Unknown | Node::Lower => 1 << self.log2,
         };
         let first = IVec3::from_array(self.cell) & !(size - 1);
         (first << BRICK_LOG2, IVec3::splat(size << BRICK_LOG2))
@@ -467,7 +463,7 @@ impl<'a> Traversal<'a> {
     #[inline] // bench: frame
     pub fn edge(&self) -> f32 {
         if matches!(self.node, Node::Lower) {
-            return BRICK_DIM as f32;
+            return (BRICK_DIM << self.log2) as f32;
         }
         self.voxels().1.x as f32
     }

@@ -44,15 +44,17 @@ pub(super) fn sample_radiance(
             return PathSample {
                 radiance: weight * lights.radiance(ray.direction),
                 first_collision,
+                opacity: if first_collision.is_some() { 1.0 } else { 0.0 },
             };
         };
-        first_collision.get_or_insert(t);
+        first_collision.get_or_insert((t, 1.0));
         let albedo = medium.albedo();
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {
             return PathSample {
                 radiance: Rgb::BLACK,
                 first_collision,
+                opacity: 1.0,
             };
         }
         weight *= albedo * survival.recip();

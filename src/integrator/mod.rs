@@ -2,6 +2,7 @@
 //!
 //! * `analog`: plain delta tracking, the short reference.
 //! * `guide`: importance of points and directions for the latter.
+//! * `primary`: the camera ray of the latter, up to the collision from which it goes on.
 //! * `path`: next-event estimation and roulette, the production choice.
 //!
 //! Both have the same expectation; a test compares their images. Neither sees a voxel.
@@ -9,13 +10,16 @@
 mod analog;
 mod guide;
 mod path;
+mod primary;
 
 use serde::{Deserialize, Serialize};
 
 use self::guide::Guide;
+pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
 use crate::light::Lights;
 use crate::medium::Medium;
-use crate::sampling::Stream;
+use crate::phase::Phase;
+use crate::sampling::{SamplerKind, Stream};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
@@ -33,11 +37,43 @@ pub enum IntegratorKind {
     Analog,
 }
 
+/// How the camera ray's collision is found. The expectation is the same.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum CameraRay {
+    /// By expectation where the medium is thin along camera rays, else analog; transmittances
+    /// alone where nothing scatters.
+    #[default]
+    Auto,
+    /// By free flight: a camera ray either collides or escapes.
+    Analog,
+    /// Every camera ray escapes and collides, each with its weight.
+    Expected,
+}
+
+impl CameraRay {
+    /// All of them, in the order of the documentation.
+    pub const ALL: &'static [Self] = &[Self::Auto, Self::Analog, Self::Expected];
+
+    /// Returns its name in scene files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Auto => "auto",
+            Self::Analog => "analog",
+            Self::Expected => "expected",
+        }
+    }
+}
+
 /// What the image is, as far as light transport is concerned.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct TransportSettings {
     /// Which integrator renders.
     pub integrator: IntegratorKind,
+    /// How the path integrator finds a camera ray's collision.
+    pub camera_ray: CameraRay,
+    /// Where the first numbers of a path come from.
+    pub sampler: SamplerKind,
     /// Which estimators track its rays.
     pub tracking: Tracking,
     /// Paths end after this many scattering events. `None`: never, by roulette only.
@@ -70,6 +106,12 @@ impl Default for Levers {
     }
 }
 
+/// Returns whether the path integrator chooses among directions of scattering by `phase`, where
+/// there are suns: with a broad phase function that costs more than it gains.
+pub fn steers(phase: Phase) -> bool {
+    Guide::steers(phase)
+}
+
 /// What a path meets: borrowed from the scene for one frame.
 #[derive(Debug)]
 pub struct Context<'a> {
@@ -77,6 +119,8 @@ pub struct Context<'a> {
     lights: &'a Lights,
     settings: TransportSettings,
     guide: Option<Guide>,
+    /// Of the path integrator, for the medium.
+    kernel: Option<Kernel>,
 }
 
 impl<'a> Context<'a> {
@@ -89,21 +133,26 @@ impl<'a> Context<'a> {
         lights: &'a Lights,
         settings: TransportSettings,
     ) -> Self {
-        let tracking = medium.map_or(settings.tracking, |m| {
-            let survey = Survey::new(m, &settings.tracking);
-            settings.tracking.fitted(&survey)
-        });
+        // Where nothing scatters there is no path to survey for, and no light to find.
+        let scattering = medium.filter(|m| !absorbs_only(&settings, m));
+        let survey = scattering.map(|m| Survey::new(m, &settings.tracking));
+        let kernel = medium.map(|_| Kernel::new(&settings, survey.as_ref()));
+        let tracking = match &survey {
+            Some(survey) => settings.tracking.fitted(survey),
+            None => absorbing_tracking(settings.tracking),
+        };
         let settings = TransportSettings {
             tracking,
             ..settings
         };
         let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
-        let guide = medium.filter(|_| guided).map(|m| Guide::new(m, lights));
+        let guide = scattering.filter(|_| guided).map(|m| Guide::new(m, lights));
         Self {
             medium,
             lights,
             settings,
             guide,
+            kernel,
         }
     }
 }
@@ -113,8 +162,11 @@ impl<'a> Context<'a> {
 pub struct PathSample {
     /// Radiance towards the camera.
     pub radiance: Rgb,
-    /// World distance to the camera ray's collision; `None` if it left without one.
-    pub first_collision: Option<f64>,
+    /// Opacity along the camera ray, estimated.
+    pub opacity: f32,
+    /// World distance to the camera ray's collision, with its weight in the mean of such
+    /// distances; `None` if it left without one.
+    pub first_collision: Option<(f64, f32)>,
 }
 
 impl Context<'_> {
@@ -127,7 +179,7 @@ impl Context<'_> {
     ) -> PathSample {
         counts.camera_rays += 1;
         match self.settings.integrator {
-            IntegratorKind::Path => path::sample_radiance(self, ray, stream, counts),
+            IntegratorKind::Path => primary::sample_radiance(self, ray, stream, counts),
             IntegratorKind::Analog => analog::sample_radiance(self, ray, stream, counts),
         }
     }

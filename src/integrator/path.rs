@@ -13,11 +13,10 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
-use super::{Context, Levers, PathSample};
+use super::{Context, Levers};
 use crate::light::DistantLight;
 use crate::medium::MediumRay;
 use crate::sampling::Stream;
-use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
 use crate::tracking::Tracking;
@@ -41,18 +40,21 @@ const LEAST_CONTRIBUTION: f32 = 0.05;
 /// 4.7 (5.7), 4.5 (7.2); two clouds lie between.
 const LEAST_BELIEF: f32 = 0.05;
 
-/// Returns an unbiased sample of the radiance that arrives along `ray`.
-pub(super) fn sample_radiance(
+/// Returns an unbiased sample of the radiance that a collision at `t` of a camera ray's walk
+/// towards `direction` sends along it, times `weight`.
+pub(super) fn scattered_radiance(
     context: &Context<'_>,
-    ray: Ray,
+    (mut walk, mut t): (MediumRay<'_>, f64),
+    mut direction: DVec3,
+    weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> PathSample {
+) -> Rgb {
     let Context {
-        medium,
         lights,
         settings,
         ref guide,
+        ..
     } = *context;
     let Levers {
         guide: steer,
@@ -67,33 +69,12 @@ pub(super) fn sample_radiance(
     };
     let least = LEAST_CONTRIBUTION * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
-    let mut throughput = Rgb::WHITE;
-    let mut first_collision = None;
+    let mut throughput = Rgb::splat(weight);
     let mut bounces = 0;
-    let mut direction = ray.direction;
-    let mut walk = medium.map(|m| (m, settings.tracking.start_path(m, &ray)));
     loop {
-        let hit = walk.as_mut().and_then(|(medium, walk)| {
-            let t = settings.tracking.next_collision(walk, stream, counts)?;
-            Some((*medium, walk, t))
-        });
-        let Some((medium, walk, t)) = hit else {
-            let sky = if bounces == 0 {
-                lights.radiance(direction)
-            } else {
-                lights.environment
-            };
-            return PathSample {
-                radiance: radiance + throughput * sky,
-                first_collision,
-            };
-        };
-        first_collision.get_or_insert(t);
+        let medium = walk.medium();
         if settings.max_bounces == Some(bounces) {
-            return PathSample {
-                radiance,
-                first_collision,
-            };
+            return radiance;
         }
         throughput *= medium.albedo();
         bounces += 1;
@@ -102,16 +83,13 @@ pub(super) fn sample_radiance(
         if weight < roulette_weight {
             if stream.uniform() * roulette_weight >= weight {
                 counts.roulette_kills += 1;
-                return PathSample {
-                    radiance,
-                    first_collision,
-                };
+                return radiance;
             }
             throughput *= roulette_weight / weight;
         }
 
         let vertex = Vertex {
-            walk,
+            walk: &walk,
             t,
             direction,
             throughput,
@@ -136,6 +114,11 @@ pub(super) fn sample_radiance(
         counts.scattered_rays += 1;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
         walk.turn(t, direction);
+        let further = settings.tracking.next_collision(&mut walk, stream, counts);
+        match further {
+            Some(further) => t = further,
+            None => return radiance + throughput * lights.environment,
+        }
     }
 }
 

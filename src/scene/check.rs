@@ -29,9 +29,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel: 72 of running statistics in the film, and twice the four half and five
+/// Bytes for a pixel: 80 of running statistics in the film, and twice the four half and five
 /// float channels of the image, plain and compressed, while it is written.
-const BYTES_PER_PIXEL: u64 = 72 + 2 * (4 * 2 + 5 * 4);
+const BYTES_PER_PIXEL: u64 = 80 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volume not yet loaded.
 #[derive(Clone, Debug)]
@@ -94,6 +94,8 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
         lights,
         transport: TransportSettings {
             integrator: *desc.render.integrator.get_ref(),
+            camera_ray: desc.render.camera_ray,
+            sampler: desc.render.sampler,
             tracking: check_tracking(source, &desc.render)?,
             max_bounces: desc.render.max_bounces,
             levers: Levers::default(),

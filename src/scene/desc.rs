@@ -14,7 +14,8 @@ use serde::Deserialize;
 use toml::Spanned;
 
 use crate::grid::{Storage, StorageKind};
-use crate::integrator::IntegratorKind;
+use crate::integrator::{CameraRay, IntegratorKind};
+use crate::sampling::SamplerKind;
 use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 
 /// Makes a value that stands nowhere in a file, as defaults do.
@@ -205,6 +206,10 @@ pub struct RenderDesc {
     pub frame: i32,
     /// Which integrator renders.
     pub integrator: Spanned<IntegratorKind>,
+    /// How the path integrator finds a camera ray's collision.
+    pub camera_ray: CameraRay,
+    /// Where the first numbers of a path come from.
+    pub sampler: SamplerKind,
     /// Paths end after this many scattering events. Unset: never, by roulette only.
     ///
     /// BIAS: a cap darkens the image.
@@ -231,6 +236,8 @@ impl Default for RenderDesc {
             seed: unplaced(0),
             frame: 0,
             integrator: unplaced(IntegratorKind::Path),
+            camera_ray: CameraRay::default(),
+            sampler: SamplerKind::default(),
             max_bounces: None,
             distance: unplaced(tracking.distance),
             transmittance: unplaced(tracking.transmittance),

@@ -69,6 +69,8 @@ pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
 fn push_tracking(out: &mut String, render: &RenderDesc) {
     let default = RenderDesc::default();
     let RenderDesc {
+        camera_ray,
+        sampler,
         distance,
         transmittance,
         bounds,
@@ -77,6 +79,12 @@ fn push_tracking(out: &mut String, render: &RenderDesc) {
         march_step,
         ..
     } = render;
+    if *camera_ray != default.camera_ray {
+        push(out, format_args!("camera_ray = \"{}\"", camera_ray.name()));
+    }
+    if *sampler != default.sampler {
+        push(out, format_args!("sampler = \"{}\"", sampler.name()));
+    }
     if distance.get_ref() != default.distance.get_ref() {
         push(out, format_args!("distance = \"{}\"", distance.get_ref()));
     }

@@ -2,6 +2,7 @@
 //!
 //! * [`collision`]: the one loop that draws free flights over bound segments.
 //! * [`distance`]: closed form, delta, decomposition and regular tracking.
+//! * `expected`: the transmittance, and one collision that stands for the rest.
 //! * [`transmittance`]: closed form, exact, ratio, residual ratio, delta, ray marching.
 //! * `power_series`: the debiased exponential of a ray-marched optical depth.
 //! * [`Tracking`]: which of them, by name; [`Survey`]: what `auto` makes of a medium.
@@ -12,10 +13,12 @@
 
 pub mod collision;
 pub mod distance;
+mod expected;
 mod power_series;
 mod settings;
 mod survey;
 pub mod transmittance;
 
-pub use settings::{BoundsKind, DistanceEstimator, MERGED_DEPTH, Tracking, TransmittanceEstimator};
+pub use expected::ExpectedFlight;
+pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 pub use survey::Survey;

@@ -6,9 +6,11 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use super::distance::{self, FreeFlight};
+use super::expected::{self, Expected, ExpectedFlight};
 use super::power_series::power_series;
 use super::survey::Survey;
 use super::transmittance::{self, Attenuation, approx_ray_marching};
+use crate::grid::LOOKUP_COST;
 use crate::medium::{Medium, MediumRay, Segments};
 use crate::sampling::Stream;
 use crate::space::Ray;
@@ -86,14 +88,14 @@ named! {
 named! {
     /// Which bounds tracking uses. The tighter, the fewer null collisions and the more steps.
     BoundsKind {
-        /// Bricks, or the whole where that is thin: see [`Tracking::fitted`].
+        /// The hierarchy, or the whole where that is thin: see [`Tracking::fitted`].
         #[default]
         Auto = "auto",
         /// One bound for the whole volume.
         Global = "global",
         /// One bound for each brick of 8³ voxels.
         Brick = "brick",
-        /// That of a brick, of a node of 128³ or of the whole: the largest that makes few collisions.
+        /// That of a brick, or of a block of up to 16³ bricks where they are empty or thin.
         Hierarchy = "hierarchy",
     }
 }
@@ -130,10 +132,6 @@ impl Default for Tracking {
         }
     }
 }
-
-/// Optical depth of the bound below which `Hierarchy` crosses the whole volume, or a node of 128³
-/// voxels, in one segment.
-pub const MERGED_DEPTH: f32 = 3.0;
 
 impl Tracking {
     /// Draws the world distance of the next collision from 0 to `t_max`; `None` if there is
@@ -181,6 +179,53 @@ impl Tracking {
             exact_above,
         };
         flight.sample(ray, stream, counts)
+    }
+
+    /// Returns the transmittance of the whole ray, estimated, and a collision that stands for the
+    /// rest, chosen by `number`, uniform in [0, 1).
+    ///
+    /// What is left below the weight `analog_below`, in [0, 1], goes on by
+    /// [`sample_collision`](Self::sample_collision).
+    ///
+    /// # Cost
+    /// See [`ExpectedFlight`].
+    #[inline] // bench: frame
+    pub fn expected_flight(
+        &self,
+        medium: &Medium,
+        ray: &Ray,
+        (analog_below, number): (f32, f32),
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> ExpectedFlight {
+        let mut walk = Expected {
+            rate: self.rate.max(expected::LEAST_RATE),
+            analog_below,
+            exact_above: f64::INFINITY,
+            weight: 1.0,
+            met: 0.0,
+            chosen: None,
+            number,
+            rest_from: None,
+        };
+        let segments = self.start_path(medium, ray);
+        walk.walk(segments, stream, counts);
+        // Zero: no rest is left.
+        if let Some(t) = walk.rest_from.filter(|_| walk.weight > 0.0) {
+            let rest = Ray {
+                origin: ray.at(t),
+                ..*ray
+            };
+            let hit = self.sample_collision(medium, &rest, f64::INFINITY, stream, counts);
+            if let Some(further) = hit {
+                walk.meet(t + further, walk.weight);
+                walk.weight = 0.0;
+            }
+        }
+        ExpectedFlight {
+            transmittance: walk.weight,
+            collision: walk.chosen,
+        }
     }
 
     /// As [`estimate_transmittance`](Self::estimate_transmittance), from distance `t` in the
@@ -304,8 +349,8 @@ impl Tracking {
     fn segments(&self) -> Segments {
         match self.bounds {
             BoundsKind::Global => Segments::Whole,
-            BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
-            BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+            BoundsKind::Brick => Segments::Bricks,
+            BoundsKind::Auto | BoundsKind::Hierarchy => Segments::Blocks,
         }
     }
 
@@ -322,7 +367,7 @@ impl Tracking {
         let is_thin = LOOKUP_COST * survey.added_collisions < survey.saved_segments;
         let bounds = match self.bounds {
             BoundsKind::Auto if is_thin => BoundsKind::Global,
-            BoundsKind::Auto => BoundsKind::Brick,
+            BoundsKind::Auto => BoundsKind::Hierarchy,
             asked => asked,
         };
         let rate = match self.transmittance {
@@ -339,10 +384,6 @@ impl Tracking {
         }
     }
 }
-
-/// Cost of a lookup, most of it waiting for memory and for the branch that it decides, in steps
-/// from brick to brick.
-const LOOKUP_COST: f32 = 4.0;
 
 /// Largest rate that `auto` picks.
 const MAX_AUTO_RATE: f32 = 2.0;

@@ -87,7 +87,7 @@ impl Survey {
                 origin: centre,
                 direction,
             };
-            let mut walk = medium.ray(&outwards, f64::INFINITY);
+            let mut walk = medium.ray_over(&outwards, f64::INFINITY, Segments::Blocks);
             while let Some(segment) = walk.next_segment() {
                 let length = segment.t1 - segment.t0;
                 saved += 1.0;

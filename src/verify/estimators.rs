@@ -1,9 +1,7 @@
 //! All estimators by name, with every kind of bound.
 
 use crate::medium::Segments;
-use crate::tracking::{
-    BoundsKind, DistanceEstimator, MERGED_DEPTH, Tracking, TransmittanceEstimator,
-};
+use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 
 /// Bounds to be tested; the automatic one is one of these.
 const BOUNDS: [BoundsKind; 3] = [BoundsKind::Global, BoundsKind::Brick, BoundsKind::Hierarchy];
@@ -87,6 +85,6 @@ pub(super) fn segments(bounds: BoundsKind) -> Segments {
     match bounds {
         BoundsKind::Global => Segments::Whole,
         BoundsKind::Auto | BoundsKind::Brick => Segments::Bricks,
-        BoundsKind::Hierarchy => Segments::Merged(MERGED_DEPTH),
+        BoundsKind::Hierarchy => Segments::Blocks,
     }
 }

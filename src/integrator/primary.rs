@@ -1,0 +1,217 @@
+//! The camera ray of the path integrator: what shines through, and where its path goes on.
+//!
+//! A camera ray that either collides or escapes is noise: in a thin medium, where both are likely
+//! and worth different radiances, most of the noise there is. So where it pays, one walk estimates
+//! the transmittance `T` and finds a collision that stands for `1 − T` (see `ExpectedFlight`), and
+//! the radiance is
+//!
+//! ```text
+//! T · behind + (1 − T) · scattered
+//! ```
+//!
+//! Few paths go on from pixels that are nearly empty: roulette keeps one with probability `q`, and
+//! what it adds or leaves out is the difference to the sky, not to black, so that the radiance is
+//!
+//! ```text
+//! T · behind + (1 − T) · sky + (kept ? (1 − T) / q · (scattered − sky) : 0)
+//! ```
+//!
+//! With `q = 1 − T` that is the analog camera ray; `q` is [`SURVIVAL`] times as much. All weights
+//! are positive.
+//!
+//! Where nothing scatters there are no paths, and camera rays are estimates of the transmittance.
+
+use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, path};
+use crate::medium::Medium;
+use crate::sampling::{Number, Stream};
+use crate::space::Ray;
+use crate::stats::Counts;
+use crate::tracking::{Survey, Tracking, TransmittanceEstimator};
+
+/// Probability for a path to go on, for each unit of opacity.
+const SURVIVAL: f32 = 4.0;
+
+/// Weight below which what is left of a camera ray collides or escapes.
+const ANALOG_BELOW: f32 = 0.1;
+
+/// Collisions that a ray from inside meets on its way out, in the survey, below which a medium is
+/// thin. Variance times cost, measured with expected in place of analog camera rays: 0.44 and 0.55
+/// of it in two thin fogs, 0.9 in a smoke of depth 3, 1.01 in a tower of 20, 1.06 in a cloud of 59.
+const THIN: f32 = 3.0;
+
+/// In absorbing media, transmittances below this play roulette: too little to be seen, and most of
+/// the voxels along a ray.
+const LEAST_TRANSMITTANCE: f32 = 0.01;
+
+/// In absorbing media, one camera ray in this many also looks for its first collision, for the
+/// depth of the image alone.
+const DEPTH_EVERY: f32 = 16.0;
+
+/// What is done for each camera ray.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kernel {
+    /// It collides or escapes.
+    Analog,
+    /// Both, each with its weight.
+    Expected,
+    /// Nothing scatters: its transmittance is all.
+    Transmittance,
+}
+
+impl Kernel {
+    /// Returns what the settings ask for, or what suits the medium; `survey` is that of a medium
+    /// that scatters, `None` where only transmittances are wanted (see [`absorbs_only`]).
+    pub fn new(settings: &TransportSettings, survey: Option<&Survey>) -> Self {
+        let Some(survey) = survey else {
+            return Self::Transmittance;
+        };
+        match settings.camera_ray {
+            CameraRay::Expected => Self::Expected,
+            CameraRay::Auto if survey.collisions_per_ray < THIN => Self::Expected,
+            CameraRay::Auto | CameraRay::Analog => Self::Analog,
+        }
+    }
+}
+
+/// Returns whether nothing of the light in `medium` is scattered and the settings leave it at that:
+/// camera rays are estimates of the transmittance, and there are no paths.
+pub fn absorbs_only(settings: &TransportSettings, medium: &Medium) -> bool {
+    settings.integrator == IntegratorKind::Path
+        && settings.camera_ray == CameraRay::Auto
+        && medium.albedo().is_black()
+}
+
+/// Returns how transmittances are estimated where they are the image: exactly, unless asked for
+/// otherwise. What noise is left is that of the pixel's area.
+pub fn absorbing_tracking(tracking: Tracking) -> Tracking {
+    let transmittance = match tracking.transmittance {
+        TransmittanceEstimator::Auto => TransmittanceEstimator::Exact,
+        asked => asked,
+    };
+    Tracking {
+        transmittance,
+        ..tracking
+    }
+}
+
+/// Returns an unbiased sample of the radiance that arrives along `ray`.
+pub(super) fn sample_radiance(
+    context: &Context<'_>,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let Some((medium, kernel)) = context.medium.zip(context.kernel) else {
+        return PathSample {
+            radiance: context.lights.radiance(ray.direction),
+            opacity: 0.0,
+            first_collision: None,
+        };
+    };
+    match kernel {
+        Kernel::Analog => analog(context, medium, ray, stream, counts),
+        Kernel::Expected => expected(context, medium, ray, stream, counts),
+        Kernel::Transmittance => transmittance(context, medium, ray, stream, counts),
+    }
+}
+
+fn analog(
+    context: &Context<'_>,
+    medium: &Medium,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let tracking = &context.settings.tracking;
+    let mut walk = tracking.start_path(medium, &ray);
+    match tracking.next_collision(&mut walk, stream, counts) {
+        None => PathSample {
+            radiance: context.lights.radiance(ray.direction),
+            opacity: 0.0,
+            first_collision: None,
+        },
+        Some(t) => PathSample {
+            radiance: path::scattered_radiance(
+                context,
+                (walk, t),
+                ray.direction,
+                1.0,
+                stream,
+                counts,
+            ),
+            opacity: 1.0,
+            first_collision: Some((t, 1.0)),
+        },
+    }
+}
+
+fn expected(
+    context: &Context<'_>,
+    medium: &Medium,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let Context {
+        lights, settings, ..
+    } = *context;
+    let number = stream.number(Number::Collision);
+    let flight =
+        settings
+            .tracking
+            .expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
+    let opacity = 1.0 - flight.transmittance;
+    let through = lights.radiance(ray.direction) * flight.transmittance;
+    let sky = |weight: f32| through + lights.environment * weight;
+    let Some(t) = flight.collision else {
+        return PathSample {
+            radiance: sky(opacity),
+            opacity,
+            first_collision: None,
+        };
+    };
+    let survival = (SURVIVAL * opacity).min(1.0);
+    let radiance = if stream.number(Number::Roulette) < survival {
+        let weight = opacity / survival;
+        let from = Ray {
+            origin: ray.at(t),
+            ..ray
+        };
+        let walk = (settings.tracking.start_path(medium, &from), 0.0);
+        let scattered =
+            path::scattered_radiance(context, walk, ray.direction, weight, stream, counts);
+        sky(opacity - weight) + scattered
+    } else {
+        counts.roulette_kills += 1;
+        sky(opacity)
+    };
+    PathSample {
+        radiance,
+        opacity,
+        first_collision: Some((t, opacity)),
+    }
+}
+
+fn transmittance(
+    context: &Context<'_>,
+    medium: &Medium,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample {
+    let tracking = &context.settings.tracking;
+    let end = f64::INFINITY;
+    let transmittance =
+        tracking.estimate_transmittance(medium, &ray, end, LEAST_TRANSMITTANCE, stream, counts);
+    let first_collision = if stream.uniform() * DEPTH_EVERY < 1.0 {
+        let t = tracking.sample_collision(medium, &ray, end, stream, counts);
+        t.map(|t| (t, 1.0))
+    } else {
+        None
+    };
+    PathSample {
+        radiance: context.lights.radiance(ray.direction) * transmittance,
+        opacity: 1.0 - transmittance,
+        first_collision,
+    }
+}
