@@ -89,15 +89,15 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             "thin",
             medium(lumps(), 0.05, 1.0, Rgb::WHITE),
             through,
-            2.0,
-            4.0,
+            1.5,
+            4.5,
         ),
         (
             "thick",
             medium(lumps(), 0.05, 12.0, Rgb::WHITE),
             through,
-            2.0,
-            4.0,
+            1.5,
+            4.5,
         ),
     ];
     let mut runs = Vec::new();
@@ -167,8 +167,8 @@ fn expected_flights_have_the_distribution_of_real_ones() {
                 let n = f64::from(n);
                 let mean = sum[i] / n;
                 let error = ((square[i] / n - mean * mean) / n).sqrt();
-                // Without variance only rounding is left: walks of tiles are exact.
-                let z = (mean - expected[i]).abs() - 2e-6;
+                // Less than a collision in all is not seen, nor its error known.
+                let z = (mean - expected[i]).abs() - 1.0 / n;
                 assert!(
                     z <= 5.0 * error,
                     "{name}, analog below {below}, {tracking:?}, interval {i}: {mean} ± {error}, not {}",
@@ -224,7 +224,7 @@ fn sky() -> Lights {
 }
 
 /// Sums of the pixels of 8 × 8 blocks of two images, and of both: no |z| above 5, and z² is on
-/// average 1.
+/// average 1. Blocks where the first, analog, image has few collisions count for the whole only.
 fn agree(what: &str, a: &Rendered, b: &Rendered) {
     let width = a.film.width() as usize;
     let blocks = a.film.pixels().len() / 64;
@@ -233,20 +233,19 @@ fn agree(what: &str, a: &Rendered, b: &Rendered) {
     for block in 0..blocks {
         let corner = block % (width / 8) * 8 + block / (width / 8) * 8 * width;
         for (c, all) in all.iter_mut().enumerate() {
-            let (mut difference, mut variance) = (0.0, 0.0);
+            let (mut difference, mut variance, mut hits) = (0.0, 0.0, 0.0);
             for i in 0..64 {
                 let at = corner + i % 8 + i / 8 * width;
                 let (p, q): (&Pixel, &Pixel) = (&a.film.pixels()[at], &b.film.pixels()[at]);
                 difference += p.mean[c] - q.mean[c];
+                hits += p.opacity;
                 variance += p.variance_of_mean()[c] + q.variance_of_mean()[c];
             }
             all[0] += difference;
             all[1] += variance;
-            if variance == 0.0 {
-                assert!(
-                    difference.abs() < 1e-9,
-                    "{what}, block {block}: {difference}"
-                );
+            // Of fewer collisions the first image's variance is hardly known: not one in empty
+            // blocks.
+            if hits < 100.0 {
                 continue;
             }
             let z = difference / f64::sqrt(variance);
