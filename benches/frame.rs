@@ -1,4 +1,5 @@
-//! What whole images cost: 128 × 72 pixels at 4 samples, on one thread, scene by scene.
+//! What whole images cost in CPU time: 128 × 72 pixels at 4 samples, on one thread, scene by
+//! scene.
 //!
 //! One row for each variant of the kernel ([`VARIANTS`]): what `auto` makes of the scene, and
 //! one choice of estimator or bounds changed at a time. A variant that is slower here may have
@@ -19,6 +20,7 @@ mod assets;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 
+use assets::cpu_clock::CpuClock;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use majorant::integrator::IntegratorKind;
 use majorant::render::{NoProgress, Rendered, render};
@@ -106,7 +108,7 @@ fn check(name: &str, rendered: &Rendered, expected: f64) {
     );
 }
 
-fn bench(c: &mut Criterion) {
+fn bench(c: &mut Criterion<CpuClock>) {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
     pool.build_global()
         .expect("no other pool was started before");
@@ -155,5 +157,9 @@ fn bench(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, bench);
+criterion_group!(
+    name = benches;
+    config = assets::cpu_clock::criterion();
+    targets = bench
+);
 criterion_main!(benches);

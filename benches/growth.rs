@@ -32,7 +32,7 @@ use glam::DVec3;
 use majorant::camera::Camera;
 use majorant::grid::brick::BRICK_LEN;
 use majorant::grid::{DensityGrid, Encoding, Storage, StorageKind, Tree};
-use majorant::integrator::TransportSettings;
+use majorant::integrator::{Context, TransportSettings};
 use majorant::light::{DistantLight, Lights};
 use majorant::medium::Medium;
 use majorant::phase::Phase;
@@ -227,15 +227,24 @@ fn column(grid: &DensityGrid) -> f64 {
 struct Frame {
     cpu_secs: f64,
     wall_secs: f64,
+    /// What is prepared once a frame, in CPU seconds: part of neither of the above.
+    start_up_secs: f64,
     counts: Counts,
     mean: f64,
     standard_error: f64,
 }
 
 fn frame(scene: &Scene) -> Frame {
+    // Done once more by itself, since it is part of a render.
+    let (wall, cpu) = (Instant::now(), ProcessTime::now());
+    let context = Context::new(scene.medium.as_ref(), &scene.lights, scene.transport);
+    std::hint::black_box(&context);
+    let (start_up_secs, start_up_wall) = (cpu.elapsed().as_secs_f64(), wall.elapsed());
+    drop(context);
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
     let rendered = render(scene, &NoProgress, &AtomicBool::new(false));
-    let (cpu_secs, wall_secs) = (cpu.elapsed().as_secs_f64(), wall.elapsed().as_secs_f64());
+    let cpu_secs = cpu.elapsed().as_secs_f64() - start_up_secs;
+    let wall_secs = (wall.elapsed().saturating_sub(start_up_wall)).as_secs_f64();
     let counts = rendered.counts;
     assert!(rendered.complete, "not all samples were taken");
     assert_eq!(counts.bound_violations, 0, "bound violations");
@@ -244,6 +253,7 @@ fn frame(scene: &Scene) -> Frame {
     Frame {
         cpu_secs,
         wall_secs,
+        start_up_secs,
         counts,
         mean: mean[1],
         standard_error: standard_error[1],
@@ -286,6 +296,8 @@ fn report(series: &str, points: &[Point], frames: &[Frame]) {
         let rays = frame.counts.camera_rays as f64;
         let name = format!("{series}/{}", point.x);
         let per_ray = |count: u64| count as f64 / rays;
+        let start_up = frame.start_up_secs * 1e3;
+        assets::note(&name, "start_up_cpu_time", start_up, "ms");
         assets::note(&name, "cpu_time", frame.cpu_secs / rays * 1e6, "us/sample");
         assets::note(
             &name,
@@ -421,7 +433,10 @@ fn memory(clouds: &[Cloud], options: &Options) {
             } = &cloud.stored[kind];
             let bricks = grid.brick_count();
             let cells = f64::from(cloud.resolution / 8).powi(3);
-            let bytes = grid.memory_bytes() as f64;
+            // What rays cross in one step, chosen for the medium.
+            let voxels_an_edge = f64::from(cloud.resolution);
+            let blocks = grid.blocks(scale(THICKNESS / voxels_an_edge, cloud.column));
+            let bytes = (grid.memory_bytes() + blocks.memory_bytes()) as f64;
             let stored = (bricks * BRICK_LEN * encoding.value_bytes()) as f64;
             let voxels = (bricks * BRICK_LEN) as f64;
             let name = format!("growth/memory/{name}/{}", cloud.resolution);

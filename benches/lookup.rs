@@ -13,7 +13,7 @@
 //! * Throughput: lookups do not wait for each other. `latency`: the place of each lookup is found
 //!   by the value of the one before.
 //!
-//! Places are drawn before the clock starts: no walk, no logarithm and no random number is timed.
+//! Times are CPU times. Places are drawn before the clock starts: no walk, no logarithm and no random number is timed.
 //! The sums are asserted: all storages agree to within their encoding, one tap agrees with
 //! eight within 5 standard errors.
 //!
@@ -31,7 +31,7 @@ use std::ops::ControlFlow;
 use std::time::Duration;
 
 use assets::arrays::{Bricks, Dense};
-use criterion::measurement::WallTime;
+use assets::cpu_clock::CpuClock;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DVec2, DVec3, IVec3};
 use half::f16;
@@ -299,7 +299,7 @@ struct Expected {
 
 /// Benchmarks of one set of places.
 struct Places<'a, 'b> {
-    group: &'a mut BenchmarkGroup<'b, WallTime>,
+    group: &'a mut BenchmarkGroup<'b, CpuClock>,
     queries: &'a [Query],
     expected: Expected,
 }
@@ -448,7 +448,7 @@ fn grids(tree: &Tree<f32>) -> Vec<(Kind, DensityGrid)> {
 }
 
 fn bench_places(
-    c: &mut Criterion,
+    c: &mut Criterion<CpuClock>,
     name: &str,
     queries: &[Query],
     dense: &Dense,
@@ -474,7 +474,7 @@ fn bench_places(
     group.finish();
 }
 
-fn bench_cloud(c: &mut Criterion) {
+fn bench_cloud(c: &mut Criterion<CpuClock>) {
     let scene = assets::scene("cloud");
     let medium = scene.medium.as_ref().expect("the scene has a medium");
     let bounds = assets::index_bounds(medium.grid());
@@ -517,7 +517,7 @@ fn full_cube(edge: i32) -> Tree<f32> {
     tree
 }
 
-fn bench_sizes(c: &mut Criterion) {
+fn bench_sizes(c: &mut Criterion<CpuClock>) {
     let has_large = std::env::var("MAJORANT_BENCH_LARGE").as_deref() != Ok("0");
     for (edge, size) in CUBES {
         if edge > 500 && !has_large {
@@ -553,5 +553,9 @@ fn bench_sizes(c: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, bench_cloud, bench_sizes);
+criterion_group!(
+    name = benches;
+    config = assets::cpu_clock::criterion();
+    targets = bench_cloud, bench_sizes
+);
 criterion_main!(benches);

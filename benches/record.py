@@ -100,7 +100,7 @@ def main():
     since = record.date.timestamp()
     for bench in args.benches:
         command = ["cargo", "bench", "-q", "--bench", bench, "--", *passed.split()]
-        run = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True)
+        run = subprocess.Popen(command, cwd=ROOT, stdout=sys.stderr, stderr=subprocess.PIPE, text=True)
         for line in run.stderr:
             sys.stderr.write(line)
             if line.startswith("note\t"):

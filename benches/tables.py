@@ -77,10 +77,12 @@ def traversal(n):
     kinds = [f"{s}/{k}" for s in ("cloud", "smoke") for k in ("crossing", "missing")]
     rows = [
         [kind, n.get(f"traversal/{kind}", "cells"), n.get(f"traversal/{kind}", "segments"),
-         n.get(f"traversal/{kind}"), n.get(f"traversal/{kind}, flat")]
+         n.get(f"traversal/{kind}, blocks", "segments"), n.get(f"traversal/{kind}"),
+         n.get(f"traversal/{kind}, blocks"), n.get(f"traversal/{kind}, flat")]
         for kind in [*kinds, "sparse"]
     ]
-    return markdown(["rays", "cells a ray", "segments a ray", "ns a cell", "flat DDA, ns a cell"], rows)
+    head = ["rays", "cells a ray", "segments a ray: bricks", "blocks", "ns a cell: bricks", "blocks", "flat DDA"]
+    return markdown(head, rows)
 
 
 def bounds(n):
@@ -120,10 +122,11 @@ def growth(n):
     rows = [
         [f"{x}³", *(n.get(f"growth/resolution/{k}/{x}", "cpu_time") for k in kinds),
          n.get(f"growth/resolution/auto/{x}", "segments"), n.get(f"growth/resolution/auto/{x}", "lookups"),
-         n.get(f"growth/resolution/auto/{x}", "vertices")]
+         n.get(f"growth/resolution/auto/{x}", "vertices"),
+         n.get(f"growth/resolution/auto/{x}", "start_up_cpu_time")]
         for x in xs
     ]
-    head = ["resolution", *(f"{k}, µs a sample" for k in kinds), "segments a sample", "lookups", "vertices"]
+    head = ["resolution", *(f"{k}, µs a sample" for k in kinds), "segments a sample", "lookups", "vertices", "start-up of a frame, CPU ms"]
     return markdown(head, rows)
 
 
@@ -169,7 +172,13 @@ def peers(n):
     return markdown(head, rows)
 
 
-TABLES = [lookup, sizes, traversal, bounds, load, frame, growth, thickness, memory, threads, peers]
+def per_lookup(n):
+    scenes = ("cloud", "cloud_a999", "smoke", "absorb")
+    cells = [n.get(f"peers/{scene}/majorant", "cpu_time_per_lookup") for scene in scenes]
+    return markdown(["", *scenes], [["ns of CPU a density lookup, all in", *cells]])
+
+
+TABLES = [lookup, sizes, traversal, bounds, load, frame, growth, thickness, memory, threads, peers, per_lookup]
 
 
 def main():

@@ -1,11 +1,12 @@
 //! What a step of a ray through the bounds costs, and how many steps and collisions there are.
 //!
-//! Times are for each 8³ cell of space that a ray crosses: a property of ray and box, not of
+//! CPU times are for each 8³ cell of space that a ray crosses: a property of ray and box, not of
 //! the walk, so a walk that leaps over empty space, or takes large cells, pays less per cell.
 //! Rays come in three kinds, one for each level at which a step can be taken: through density
 //! (`crossing`: bricks), through the box of the density without meeting any (`missing`: bricks
 //! and empty nodes), and through 4096³ voxels of empty space to a brick in the corner (`sparse`:
-//! nodes of 128³ and 4096³). `flat` is the floor: the same rays through an array of the
+//! nodes of 128³ and 4096³). `blocks` is the walk of renders, which crosses thin and empty cells
+//! several at a time; the others take every brick. `flat` is the floor: the same rays through an array of the
 //! maxima of 8³ cells, step by step, no hierarchy.
 //!
 //! Lookups are not timed. Printed: segments and tentative collisions for each unit of optical
@@ -22,8 +23,8 @@ mod assets;
 use std::time::Duration;
 
 use assets::arrays::Dense;
+use assets::cpu_clock::CpuClock;
 use assets::walk::{Chord, FlatBounds};
-use criterion::measurement::WallTime;
 use criterion::{BenchmarkGroup, Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DVec3, IVec3};
 use majorant::grid::brick::BRICK_DIM;
@@ -121,20 +122,25 @@ fn integrate(grid: &DensityGrid, chords: &[Chord]) -> f64 {
     sum
 }
 
-type Group<'a> = BenchmarkGroup<'a, WallTime>;
+type Group<'a> = BenchmarkGroup<'a, CpuClock>;
 
-/// Times the walk of `chords` and asserts that it is the same each time.
-fn time(group: &mut Group<'_>, name: &str, grid: &DensityGrid, chords: &[Chord]) {
-    let expected = walk(grid, chords, Cells::Bricks);
-    let cells = cell_count(chords);
+/// Times the walk of `chords` over `cells` and asserts that it is the same each time.
+fn time(
+    group: &mut Group<'_>,
+    name: &str,
+    (grid, cells): (&DensityGrid, Cells<'_>),
+    chords: &[Chord],
+) {
+    let expected = walk(grid, chords, cells);
+    let cell_count = cell_count(chords);
     let rays = chords.len() as f64;
     let bench = format!("traversal/{name}");
-    assets::note(&bench, "cells", cells as f64 / rays, "1/ray");
+    assets::note(&bench, "cells", cell_count as f64 / rays, "1/ray");
     let segments = expected.segment_count as f64 / rays;
     assets::note(&bench, "segments", segments, "1/ray");
-    group.throughput(Throughput::Elements(cells));
+    group.throughput(Throughput::Elements(cell_count));
     group.bench_function(name, |b| {
-        b.iter(|| assert_eq!(walk(grid, chords, Cells::Bricks), expected, "{name}"));
+        b.iter(|| assert_eq!(walk(grid, chords, cells), expected, "{name}"));
     });
 }
 
@@ -239,10 +245,15 @@ fn bench_scene(group: &mut Group<'_>, name: &str, stream: &mut Stream) {
         floor.max,
         walked.max
     );
-    time(group, &format!("{name}/crossing"), grid, &crossing);
-    time_flat(group, &format!("{name}/crossing, flat"), &flat, &crossing);
-    time(group, &format!("{name}/missing"), grid, &missing);
-    time_flat(group, &format!("{name}/missing, flat"), &flat, &missing);
+    #[expect(clippy::cast_possible_truncation, reason = "a threshold")]
+    let blocks = grid.blocks(scale as f32);
+    for (kind, chords) in [("crossing", &crossing), ("missing", &missing)] {
+        let bench = format!("{name}/{kind}");
+        time(group, &bench, (grid, Cells::Bricks), chords);
+        let cells = Cells::Blocks(&blocks);
+        time(group, &format!("{bench}, blocks"), (grid, cells), chords);
+        time_flat(group, &format!("{bench}, flat"), &flat, chords);
+    }
 }
 
 /// Two bricks in 4096³ voxels, and rays from all over towards the second.
@@ -266,10 +277,10 @@ fn bench_sparse(group: &mut Group<'_>, stream: &mut Stream) {
         sparse.iter().all(meets),
         "a ray leaps over the brick that it points at"
     );
-    time(group, "sparse", &grid, &sparse);
+    time(group, "sparse", (&grid, Cells::Bricks), &sparse);
 }
 
-fn bench(c: &mut Criterion) {
+fn bench(c: &mut Criterion<CpuClock>) {
     let mut group = c.benchmark_group("traversal");
     group
         .sample_size(20)
@@ -283,5 +294,9 @@ fn bench(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, bench);
+criterion_group!(
+    name = benches;
+    config = assets::cpu_clock::criterion();
+    targets = bench
+);
 criterion_main!(benches);

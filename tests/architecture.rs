@@ -87,7 +87,6 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
             "cache",
             "render",
             "grid/bounds",
-            "grid/columns",
             "grid/encoding",
             "grid/values",
             "verify",

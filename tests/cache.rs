@@ -81,11 +81,11 @@ fn what_was_written_reads_back() {
     assert_eq!(file.source().metadata[0].1, "a test");
     let grid = file.grid().expect("fresh");
     let mut sampler = grid.sampler();
-    for b in 0..20 {
+    for (b, number) in (0..20).zip(0_usize..) {
         let origin = IVec3::new(b % 4, b / 4 % 4, b / 16) * 8;
         for i in [0, 100, 511] {
             let p = origin + majorant::grid::brick::voxel_at(i);
-            let expected = ((b as usize + i) % 97) as f32 + origin.x as f32;
+            let expected = ((number + i) % 97) as f32 + origin.x as f32;
             assert_eq!(sampler.value(p), expected, "brick {b}, value {i}");
         }
     }
@@ -144,7 +144,7 @@ fn damage(bytes: &mut [u8], rng: &mut Pcg64Mcg) {
     let at = rng.next_u32() as usize % bytes.len();
     let run = [1, 4, 8][rng.next_u32() as usize % 3];
     let value = [0, 0xff, 0x80, 0x7f, rng.next_u64().to_le_bytes()[0]][rng.next_u32() as usize % 5];
-    let flip = rng.next_u32() % 2 == 0;
+    let flip = rng.next_u32().is_multiple_of(2);
     for b in bytes.iter_mut().skip(at).take(run) {
         *b = if flip { *b ^ (1 << (value % 8)) } else { value };
     }

@@ -76,6 +76,8 @@ fn documented_defaults_are_those_of_the_code() {
                 collision_rate,
                 flight_rate,
                 march_step,
+                camera_ray: _,
+                sampler: _,
             },
     } = parse(MINIMAL).desc;
     let VolumeDesc {

@@ -46,7 +46,7 @@ fn field(p: IVec3) -> f32 {
 
 /// A direction and a start outside of a cube of edge `n`, so that the ray crosses it.
 fn ray(rng: &mut Pcg64Mcg, n: f64) -> (DVec3, DVec3) {
-    let mut u = || rng.next_u32() as f64 / 4_294_967_296.0;
+    let mut u = || f64::from(rng.next_u32()) / 4_294_967_296.0;
     let through = DVec3::new(u(), u(), u()) * n;
     let direction = (DVec3::new(u(), u(), u()) - 0.5).normalize_or(DVec3::X);
     (through - direction * 4.0 * n, direction)
@@ -175,7 +175,8 @@ fn write_cache(path: &Path, volume: &Path, kind: StorageKind) -> CacheFile {
         },
     };
     let bytes = cache::write(path, contents, usize::MAX).expect("temporary files can be written");
-    assert_eq!(std::fs::metadata(path).expect("written").len(), bytes);
+    let len = std::fs::metadata(path).expect("written").len();
+    assert_eq!(len, bytes, "the length it says");
     CacheFile::open(path, usize::MAX).expect("as it was written")
 }
 

@@ -10,6 +10,7 @@
 
 pub(crate) mod arrays;
 pub(crate) mod cloud_field;
+pub(crate) mod cpu_clock;
 pub(crate) mod walk;
 
 use std::path::Path;

@@ -56,7 +56,7 @@ pub(super) struct Header {
 }
 
 const _: () = assert!(size_of::<Header>() == 8 * 24, "no padding");
-const _: () = assert!(size_of::<Header>() < PAGE as usize, "room to grow");
+const _: () = assert!((size_of::<Header>() as u64) < PAGE, "room to grow");
 
 const ENCODINGS: [Encoding; 4] = [Encoding::F32, Encoding::F16, Encoding::U16, Encoding::U8];
 

@@ -10,7 +10,7 @@ use super::error::CacheError;
 use super::format::{Checksum, Header, MAGIC, PAGE, Source, VERSION};
 use crate::grid::{DensityGrid, DepthError, Encoding, GridTooLarge, Reason, Stored, sections};
 use crate::space::IndexTransform;
-use crate::vdb::map_part;
+use crate::vdb::{map_part, read_page_by_page};
 
 /// Resident bytes in memory for each in the file, at most: read, then taken apart.
 const MEMORY_PER_BYTE: u64 = 3;
@@ -26,6 +26,8 @@ pub struct CacheFile {
     source: Source,
     /// Nodes and bounds, behind the names.
     sections: Vec<u8>,
+    /// What may be in memory.
+    max_bytes: usize,
 }
 
 /// Returns whether the file at `path` begins as cache files do; its name does not count.
@@ -111,6 +113,7 @@ impl CacheFile {
         Ok(Self {
             source,
             sections: sections.to_vec(),
+            max_bytes,
             path: path.to_owned(),
             file,
             header,
@@ -119,13 +122,21 @@ impl CacheFile {
         })
     }
 
-    /// Maps the bricks and returns the grid, ready to render.
+    /// Maps the bricks and returns the grid, ready to render. Where they do not all fit into memory,
+    /// the system reads them page by page.
     ///
     /// # Errors
     /// If nodes and bounds contradict each other.
     pub fn grid(&self) -> Result<DensityGrid, CacheError> {
         let (payload, _) = self.extents();
-        let map = map_part(&self.file, PAGE, payload).map_err(|source| CacheError::Read {
+        let map = || {
+            let map = map_part(&self.file, PAGE, payload)?;
+            if payload > self.max_bytes {
+                read_page_by_page(&map)?;
+            }
+            Ok(map)
+        };
+        let map = map().map_err(|source| CacheError::Read {
             path: self.path.clone(),
             source,
         })?;

@@ -5,7 +5,7 @@
 //! or not at all.
 
 use std::fs::File;
-use std::io::{BufWriter, Seek as _, SeekFrom, Write as _};
+use std::io::{self, BufWriter, Read as _, Seek as _, SeekFrom, Write};
 use std::path::Path;
 
 use glam::IVec3;
@@ -71,7 +71,8 @@ where
         checksum,
     } = write_payload(file, &order, &nodes, encoding, &brick).map_err(failed)?;
     header.payload_checksum = checksum;
-    let (payload, resident_at) = header.extents(encoding).expect("that much was written");
+    let too_long = || failed(io::ErrorKind::FileTooLarge.into());
+    let (payload, resident_at) = header.extents(encoding).ok_or_else(too_long)?;
 
     nodes.renumber_bricks(&order);
     let origins = nodes.brick_origins().iter().copied();
@@ -79,7 +80,8 @@ where
     header.depth_error = [error.rms, error.worst];
     drop(spans);
     let map = map_part(file, PAGE, payload).map_err(failed)?;
-    let values = Values::from_encoded(encoding, map, ranges).expect("a range for each brick");
+    // A range for each brick was collected: never the error.
+    let values = Values::from_encoded(encoding, map, ranges).ok_or_else(too_long)?;
     let mut resident = Vec::new();
     write_names(&mut resident, &source);
     let nodes_and_bounds = sections::write(nodes, values, max_bytes);
@@ -118,12 +120,12 @@ fn write_payload<B>(
     nodes: &Tree<f32>,
     encoding: Encoding,
     brick: &B,
-) -> std::io::Result<Payload>
+) -> io::Result<Payload>
 where
     B: Fn(usize, IVec3, &mut [f32]) + Sync,
 {
     let mut out = BufWriter::with_capacity(1 << 20, file);
-    out.write_all(&[0; PAGE as usize])?;
+    fill_up(&mut out, PAGE)?;
     let size = encoding.brick_bytes();
     let mut codes = vec![0; BATCH.min(order.len()) * size];
     let mut ranges = Vec::with_capacity(encoding.range_count(order.len()));
@@ -148,17 +150,18 @@ where
         out.write_all(codes)?;
     }
     let payload = (order.len() * size) as u64;
-    let padding = payload.next_multiple_of(PAGE) - payload;
-    std::io::copy(
-        &mut std::io::Read::take(std::io::repeat(0), padding),
-        &mut out,
-    )?;
+    fill_up(&mut out, payload.next_multiple_of(PAGE) - payload)?;
     out.flush()?;
     Ok(Payload {
         ranges,
         spans,
         checksum: checksum.value(),
     })
+}
+
+/// Writes zeros.
+fn fill_up(out: &mut impl Write, count: u64) -> io::Result<()> {
+    io::copy(&mut io::repeat(0).take(count), out).map(drop)
 }
 
 /// Writes the number of names, and for each its length and letters, filled up to eight bytes.
@@ -195,7 +198,7 @@ fn along_a_curve(origins: &[IVec3]) -> Vec<usize> {
 }
 
 /// Makes a temporary file in the folder of `path`, and the folder if it is missing.
-fn temporary_beside(path: &Path) -> std::io::Result<NamedTempFile> {
+fn temporary_beside(path: &Path) -> io::Result<NamedTempFile> {
     let folder = match path.parent() {
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),

@@ -3,9 +3,10 @@
 //! Steps from brick to brick are wasted where nothing is, and where so little is that the ray will
 //! hardly collide. In a node of 16³ cells, aligned blocks of 2³, 4³, 8³ and 16³ cells have bounds of
 //! their own; a ray crosses the largest block that is expected to cost less than its parts. Expected
-//! costs, in steps from brick to brick, are one a step, [`LEAP_COST`] a block and [`LOOKUP_COST`] a
+//! costs, in steps from brick to brick, are one a step, [`LEAP_COST`] a block, [`COLLISION_COST`] a
 //! tentative collision, which there are in proportion to the bound, the length and the extinction
-//! that a density stands for; a chord of a block crosses two of its eight parts. That makes the work
+//! that a density stands for, and [`LOOKUP_COST`] more for those that need a lookup, which are not
+//! below the minimum; a chord of a block crosses two of its eight parts. That makes the work
 //! of a ray through a medium of given thickness almost independent of the resolution.
 //!
 //! Any choice is exact: a block's bound holds for all of its cells.
@@ -19,6 +20,9 @@ use super::tree::{LOWER_LEN, LOWER_LOG2};
 /// Cost of a lookup, most of it waiting for memory and for the branch that it decides, in steps
 /// from brick to brick.
 pub const LOOKUP_COST: f32 = 4.0;
+
+/// Cost of a collision besides its lookup: two random numbers and a logarithm.
+const COLLISION_COST: f32 = 1.0;
 
 /// Cost of crossing a block: twice as many instructions as a step.
 const LEAP_COST: f32 = 2.0;
@@ -110,7 +114,8 @@ fn choose(cells: &[Bound], depth_per_density: f32) -> (Vec<u8>, Vec<Bound>) {
         // Zero: nothing to collide with, however dense. A cube's mean chord is 2/3 of its edge.
         if bound.max > 0.0 {
             let chord = 2.0 / 3.0 * (BRICK_DIM << log2) as f32;
-            LOOKUP_COST * depth_per_density * bound.max * chord
+            let lookups = LOOKUP_COST * (bound.max - bound.min);
+            depth_per_density * chord * (lookups + COLLISION_COST * bound.max)
         } else {
             0.0
         }

@@ -1,17 +1,17 @@
 //! A coarse lattice of how much density lies between a point and a distant light.
 //!
-//! For deciding where samples are worth their cost, never for an image: values are taken at
-//! the centres of coarse cells and from the means of bricks.
+//! For deciding where samples are worth their cost, never for an image: cells hold the means of
+//! bricks, and rays to the light are bent to the lattice.
 
 use glam::{DVec3, IVec3};
-use rayon::prelude::*;
 
-use super::brick::BRICK_DIM;
+use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::density::DensityGrid;
+use super::directory::Content;
+use super::tree::{LOWER_LEN, LOWER_LOG2, LOWER_TOTAL_LOG2, lower_slot, slot_origin};
 use crate::space::floor_to_voxel;
 
-/// Cells are doubled in size until there are no more than this: 1 MiB. The 90,000 of the
-/// comparison cloud take 3·10⁸ instructions to fill.
+/// Cells are doubled in size until there are no more than this: 1 MiB.
 const MAX_CELLS: i64 = 1 << 18;
 
 /// Base-2 logarithm of the smallest cell: 4 voxels.
@@ -28,12 +28,17 @@ pub struct Columns {
 }
 
 impl Columns {
-    /// Walks from the centre of each cell along the unit vector `direction_world` and stores
-    /// what `map` makes of ∫ density dt, in density × world units. `None` for an empty grid.
+    /// Adds up ∫ density dt, in density × world units, from the centre of each cell along the
+    /// unit vector `direction_world`, and stores what `map` makes of it. `None` for an empty grid.
+    ///
+    /// # Cost
+    /// A sweep away from the light, where each cell adds itself to what one in the layer before has
+    /// come to. Walking a ray from each cell instead cost 300 M instructions for the 90,000 cells
+    /// of the comparison cloud.
     pub fn new(
         grid: &DensityGrid,
         direction_world: DVec3,
-        map: impl Fn(f64) -> f32 + Sync,
+        map: impl Fn(f64) -> f32,
     ) -> Option<Self> {
         let (first_brick, last_brick) = grid.bounds.occupied?;
         let direction = grid
@@ -49,35 +54,137 @@ impl Columns {
         let cell_log2 = (MIN_CELL_LOG2..31)
             .find(|&log2| count(log2) <= MAX_CELLS)
             .unwrap_or(31);
-        let (first, last) = (lo >> cell_log2, hi >> cell_log2);
-        let n = last - first + 1;
-        let size = f64::from(1_u32 << cell_log2);
-        let values = (0..n.x * n.y * n.z)
-            .into_par_iter()
-            .map(|i| {
-                let cell = IVec3::new(i / (n.y * n.z), i / n.z % n.y, i % n.z) + first;
-                let centre = (cell.as_dvec3() + 0.5) * size;
-                let column = grid.traverse(centre, direction, f64::INFINITY);
-                map(column
-                    .map(|s| f64::from(s.bound.mean) * (s.t1 - s.t0))
-                    .sum())
+        let mut columns = Self {
+            first: lo >> cell_log2,
+            last: hi >> cell_log2,
+            cell_log2,
+            values: Vec::new(),
+        };
+        columns.values = columns.means(grid);
+        columns.sweep(direction);
+        for value in &mut columns.values {
+            *value = map(f64::from(*value));
+        }
+        Some(columns)
+    }
+
+    /// Returns the mean density of each cell.
+    fn means(&self, grid: &DensityGrid) -> Vec<f32> {
+        let DensityGrid {
+            tree,
+            bounds,
+            directory,
+            ..
+        } = grid;
+        let log2 = self.cell_log2;
+        let n = self.last - self.first + 1;
+        let (lo, hi) = bounds.occupied.unwrap_or_default();
+        let (lo, hi) = (lo << BRICK_LOG2, (hi << BRICK_LOG2) + (BRICK_DIM - 1));
+        let cells =
+            (0..n.x).flat_map(|x| (0..n.y).flat_map(move |y| (0..n.z).map(move |z| (x, y, z))));
+        let mut means: Vec<f32> = cells
+            .map(|(x, y, z)| {
+                let cell = self.first + IVec3::new(x, y, z);
+                let centre = (cell << log2) + ((1 << log2) >> 1);
+                // Of a cell on the edge of a box that is no multiple of it.
+                let centre = centre.clamp(lo, hi);
+                let node = directory.node(tree, bounds, centre >> LOWER_TOTAL_LOG2);
+                match node.content {
+                    Content::Tile { .. } => node.bound.mean,
+                    Content::Lower(base) if log2 <= BRICK_LOG2 => {
+                        bounds.lower[base + lower_slot(centre)].mean
+                    }
+                    Content::Lower(_) => 0.0,
+                }
             })
             .collect();
-        Some(Self {
-            first,
-            last,
-            cell_log2,
-            values,
-        })
+        if log2 > BRICK_LOG2 {
+            let share = (-3.0 * f64::from(log2 - BRICK_LOG2)).exp2();
+            for (i, bound) in bounds.lower.iter().enumerate() {
+                if bound.max > 0.0 {
+                    let node = tree.lower_origins[i / LOWER_LEN];
+                    let origin = node + slot_origin(i % LOWER_LEN, LOWER_LOG2, BRICK_LOG2);
+                    #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+                    let part = (f64::from(bound.mean) * share) as f32;
+                    means[self.index(origin >> log2)] += part;
+                }
+            }
+        }
+        means
+    }
+
+    /// Turns means into integrals towards the light, which is in `direction`.
+    ///
+    /// Cells are strung on lines towards it, each cell on one, that keep within a cell of the
+    /// straight one; interpolating between neighbours instead would blur shadows a little with
+    /// each layer.
+    fn sweep(&mut self, direction: DVec3) {
+        let n = self.last - self.first + 1;
+        // The layers are perpendicular to the axis that the light is nearest to.
+        let along = direction.abs();
+        let axis = if along.x >= along.y.max(along.z) {
+            0
+        } else if along.y >= along.z {
+            1
+        } else {
+            2
+        };
+        let (u, v) = ((axis + 1) % 3, (axis + 2) % 3);
+        #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
+        let length = (f64::from(self.cell_log2).exp2() / along[axis]) as f32;
+        // By how many cells the lines have shifted after some layers.
+        #[expect(
+            clippy::cast_possible_truncation,
+            reason = "at most the layers' number"
+        )]
+        let shift = |axis2: usize, step: i32| {
+            (f64::from(step) * direction[axis2] / along[axis]).round() as i32
+        };
+        let stride = [n.y * n.z, n.z, 1];
+        let size = (n[u] * n[v]).cast_unsigned() as usize;
+        // Means and integrals of the layer before.
+        let (mut before, mut now) = (vec![(0.0_f32, 0.0_f32); size], vec![(0.0, 0.0); size]);
+        for step in 0..n[axis] {
+            let i = if direction[axis] > 0.0 {
+                n[axis] - 1 - step
+            } else {
+                step
+            };
+            let (du, dv) = (
+                shift(u, step) - shift(u, step - 1),
+                shift(v, step) - shift(v, step - 1),
+            );
+            for j in 0..n[u] {
+                for k in 0..n[v] {
+                    let (a, b) = (j + du, k + dv);
+                    let inside = (0..n[u]).contains(&a) && (0..n[v]).contains(&b);
+                    let (upstream, column) = if inside {
+                        before[(a * n[v] + b).cast_unsigned() as usize]
+                    } else {
+                        (0.0, 0.0)
+                    };
+                    let at = i * stride[axis] + j * stride[u] + k * stride[v];
+                    let value = &mut self.values[at.cast_unsigned() as usize];
+                    let mean = *value;
+                    // Half of the step is in either layer.
+                    *value = column + 0.5 * length * (mean + upstream);
+                    now[(j * n[v] + k).cast_unsigned() as usize] = (mean, *value);
+                }
+            }
+            std::mem::swap(&mut before, &mut now);
+        }
+    }
+
+    fn index(&self, cell: IVec3) -> usize {
+        let i = cell.clamp(self.first, self.last) - self.first;
+        let n = self.last - self.first + 1;
+        ((i.x * n.y + i.y) * n.z + i.z).cast_unsigned() as usize
     }
 
     /// Returns the number of the cell nearest to `p_index`.
     #[inline] // bench: frame
     pub fn at(&self, p_index: DVec3) -> f32 {
-        let cell = floor_to_voxel(p_index) >> self.cell_log2;
-        let i = cell.clamp(self.first, self.last) - self.first;
-        let n = self.last - self.first + 1;
-        self.values[((i.x * n.y + i.y) * n.z + i.z).cast_unsigned() as usize]
+        self.values[self.index(floor_to_voxel(p_index) >> self.cell_log2)]
     }
 }
 
@@ -94,7 +201,16 @@ mod tests {
         let transform = IndexTransform::uniform(0.5);
         let grid = DensityGrid::new(tree, transform, usize::MAX).unwrap();
         #[expect(clippy::cast_possible_truncation, reason = "test values are small")]
-        let columns = Columns::new(&grid, DVec3::X, |c| c as f32).unwrap();
+        let columns = |d: DVec3| Columns::new(&grid, d, |c| c as f32).unwrap();
+        // Down a diagonal, from a column of cells that meets the corners of others.
+        let diagonal = columns(DVec3::new(0.0, -3.0, 3.0).normalize());
+        let expected = 22.0 * 2.0_f32.sqrt();
+        let got = diagonal.at(DVec3::new(17.0, 21.0, 9.0));
+        assert!(
+            (got / expected - 1.0).abs() < 1e-4,
+            "diagonal: {got}, not {expected}"
+        );
+        let columns = columns(DVec3::X);
         // From the centre of the cell [8, 12): 22 voxels of 0.5 units and density 2 remain.
         assert!((columns.at(DVec3::new(9.0, 17.0, 17.0)) - 22.0).abs() < 1e-4);
         assert!(

@@ -1,7 +1,8 @@
 //! Walking a ray through the tree: gap-free, ordered intervals of `t` with their bounds.
 //!
-//! The walk is a digital differential analyser `[Amanatides1987]` over 8³ cells that takes the
-//! largest empty step the tree allows: a cell of 4096³, 128³ or 8³ voxels. What keeps it exact:
+//! The walk is a digital differential analyser `[Amanatides1987]` over cells of 8³ voxels. Tiles and
+//! empty nodes of 128³ or 4096³ voxels are crossed in one step, and so are blocks of cells in which
+//! there is nothing, or little (see `blocks`). What keeps it exact:
 //!
 //! * The cell is an integer; it moves by whole cells and never comes from rounding a point,
 //!   save after a large step, where the point is clamped into the cell that was left. No
@@ -32,7 +33,7 @@ pub struct Segment {
     pub bound: Bound,
     /// Lowest voxel of the cell.
     pub first: IVec3,
-    /// Highest voxel of the cell: 7, 127 or 4095 further, unless the cell is the whole grid.
+    /// Highest voxel of the cell: 7 further in a brick, more in a block, a node or the whole grid.
     pub last: IVec3,
 }
 

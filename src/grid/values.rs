@@ -75,6 +75,10 @@ impl Values {
         let brick_count = values.len() / BRICK_LEN;
         let size = encoding.brick_bytes();
         let mut bytes = MmapMut::map_anon(brick_count * size)?;
+        // Lookups are far apart: in pages of 4 KB, a grid of 451 MB also waits for the page tables.
+        // Refused, it is slower and no less right.
+        #[cfg(target_os = "linux")]
+        let _ = bytes.advise(memmap2::Advice::HugePage);
         let mut ranges = vec![Range::default(); encoding.range_count(brick_count)];
         let mut end = brick_count;
         while end > 0 {

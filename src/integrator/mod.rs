@@ -79,6 +79,30 @@ pub struct TransportSettings {
     ///
     /// BIAS: a cap darkens the image; it is off unless asked for.
     pub max_bounces: Option<u32>,
+    /// What makes the path integrator fast.
+    pub levers: Levers,
+}
+
+/// What makes the path integrator fast. None changes the expectation; each can be taken away, to
+/// be tested and measured.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Levers {
+    /// Directions are chosen from several, with the suns in mind.
+    pub guide: bool,
+    /// Shadow rays that are expected to bring little are traced rarely, and end early.
+    pub light_roulette: bool,
+    /// Paths of little weight are ended.
+    pub path_roulette: bool,
+}
+
+impl Default for Levers {
+    fn default() -> Self {
+        Self {
+            guide: true,
+            light_roulette: true,
+            path_roulette: true,
+        }
+    }
 }
 
 /// What a path meets: borrowed from the scene for one frame.

@@ -13,7 +13,7 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
-use super::Context;
+use super::{Context, Levers};
 use crate::light::DistantLight;
 use crate::medium::MediumRay;
 use crate::sampling::Stream;
@@ -56,6 +56,17 @@ pub(super) fn scattered_radiance(
         ref guide,
         ..
     } = *context;
+    let Levers {
+        guide: steer,
+        light_roulette,
+        path_roulette,
+    } = settings.levers;
+    let roulette_weight = if path_roulette {
+        ROULETTE_WEIGHT
+    } else {
+        // Only paths without any weight end.
+        f32::MIN_POSITIVE
+    };
     let least = LEAST_CONTRIBUTION * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::splat(weight);
@@ -69,12 +80,12 @@ pub(super) fn scattered_radiance(
         bounces += 1;
 
         let weight = throughput.max_channel();
-        if weight < ROULETTE_WEIGHT {
-            if stream.uniform() * ROULETTE_WEIGHT >= weight {
+        if weight < roulette_weight {
+            if stream.uniform() * roulette_weight >= weight {
                 counts.roulette_kills += 1;
                 return radiance;
             }
-            throughput *= ROULETTE_WEIGHT / weight;
+            throughput *= roulette_weight / weight;
         }
 
         let vertex = Vertex {
@@ -87,13 +98,18 @@ pub(super) fn scattered_radiance(
         if let Some(guide) = guide {
             let p = walk.index_position(t);
             for (i, sun) in lights.distant.iter().enumerate() {
-                let believed = guide.root_transmittance(i, p).max(LEAST_BELIEF);
-                let worth = believed / least;
+                let worth = if light_roulette {
+                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                } else {
+                    f32::MAX
+                };
                 radiance += vertex.direct_light(&settings.tracking, sun, worth, stream, counts);
             }
-            let (guided, weight) = guide.sample(medium.phase(), p, direction, stream);
-            throughput *= weight;
-            next = Some(guided);
+            if steer {
+                let (guided, weight) = guide.sample(medium.phase(), p, direction, stream);
+                throughput *= weight;
+                next = Some(guided);
+            }
         }
         counts.scattered_rays += 1;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));

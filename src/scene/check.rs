@@ -19,7 +19,7 @@ use super::{Scene, SceneFile};
 use crate::cache::is_cache;
 use crate::camera::Camera;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
-use crate::integrator::TransportSettings;
+use crate::integrator::{Levers, TransportSettings};
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -98,6 +98,7 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
             sampler: desc.render.sampler,
             tracking: check_tracking(source, &desc.render)?,
             max_bounces: desc.render.max_bounces,
+            levers: Levers::default(),
         },
         render: desc.render.clone(),
     })

@@ -2,7 +2,7 @@
 //!
 //! Mapping keeps peak memory near the grid's own size: a 171 MB file otherwise costs 0.1 s and
 //! 171 MB before the first value is decoded. See `docs/adr/0006-memory-mapped-input.md`.
-//! This is the only `unsafe` of the crate; nothing here knows the file format.
+//! These are the only `unsafe` calls of the crate; nothing here knows a file format.
 
 use std::fs::File;
 use std::io;
@@ -49,6 +49,14 @@ pub(crate) fn map_part(file: &File, offset: u64, len: usize) -> io::Result<Mmap>
     // SAFETY: as above; the reader of these bytes takes any bits for values and trusts none for
     // an index, so that a change under it changes a picture and nothing else.
     unsafe { MmapOptions::new().offset(offset).len(len).map(file) }
+}
+
+/// Tells the system that pages of `map` are wanted one by one. It reads 32 or more for each else, which
+/// is right until they push each other out of memory.
+pub(crate) fn read_page_by_page(map: &Mmap) -> io::Result<()> {
+    #[cfg(unix)]
+    map.advise(memmap2::Advice::Random)?;
+    Ok(())
 }
 
 impl Deref for Bytes {

@@ -47,7 +47,7 @@ mod transform;
 
 pub use archive::Archive;
 pub use error::{Damage, Place, Refusal, VdbError};
-pub(crate) use file::map_part;
+pub(crate) use file::{map_part, read_page_by_page};
 pub use listing::GridInfo;
 pub use load::{DensityData, Grid, LoadOptions, LoadReport};
 pub use statistics::{Components, Statistics, TypedGrid};
