@@ -8,7 +8,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::integrator::{
-    CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only,
+    CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
 };
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -85,6 +85,7 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
             );
         } else {
             add_tracking(&mut add, medium, transport, !lights.distant.is_empty());
+            add_directions(&mut add, scene, medium.phase());
         }
         match medium.phase() {
             Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
@@ -152,6 +153,24 @@ fn add_camera_rays(
         Kernel::Analog | Kernel::Transmittance => "camera rays scatter or escape, by chance",
     };
     add(what, &why);
+}
+
+/// Adds how directions of scattering are drawn where there are suns.
+fn add_directions(add: &mut impl FnMut(&str, &str), scene: &Scene, phase: Phase) {
+    if scene.transport.integrator == IntegratorKind::Analog || scene.lights.distant.is_empty() {
+        return;
+    }
+    if steers(phase) {
+        add(
+            "directions chosen from 16",
+            "a narrow phase function can miss the sun",
+        );
+    } else {
+        add(
+            "directions from the phase function alone",
+            "it is broad: choosing would cost more than it gains",
+        );
+    }
 }
 
 /// Adds which estimators track rays, and how often `auto` takes which.

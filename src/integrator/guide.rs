@@ -199,11 +199,7 @@ impl Candidates {
 
     #[inline] // bench: frame
     fn cosines(&self, to: Vec3) -> Lanes {
-        let mut cos = [0.0; CANDIDATES];
-        for i in 0..CANDIDATES {
-            cos[i] = to.x * self.x[i] + to.y * self.y[i] + to.z * self.z[i];
-        }
-        cos
+        std::array::from_fn(|i| to.x * self.x[i] + to.y * self.y[i] + to.z * self.z[i])
     }
 
     fn local(&self, i: usize) -> [f32; 3] {

@@ -18,6 +18,7 @@ use self::guide::Guide;
 pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
 use crate::light::Lights;
 use crate::medium::Medium;
+use crate::phase::Phase;
 use crate::sampling::{SamplerKind, Stream};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
@@ -103,6 +104,12 @@ impl Default for Levers {
             path_roulette: true,
         }
     }
+}
+
+/// Returns whether the path integrator chooses among directions of scattering by `phase`, where
+/// there are suns: with a broad phase function that costs more than it gains.
+pub fn steers(phase: Phase) -> bool {
+    Guide::steers(phase)
 }
 
 /// What a path meets: borrowed from the scene for one frame.
