@@ -85,7 +85,6 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
             );
         } else {
             add_tracking(&mut add, medium, transport, !lights.distant.is_empty());
-            add_directions(&mut add, scene, medium.phase());
         }
         match medium.phase() {
             Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
@@ -156,10 +155,7 @@ fn add_camera_rays(
 }
 
 /// Adds how directions of scattering are drawn where there are suns.
-fn add_directions(add: &mut impl FnMut(&str, &str), scene: &Scene, phase: Phase) {
-    if scene.transport.integrator == IntegratorKind::Analog || scene.lights.distant.is_empty() {
-        return;
-    }
+fn add_directions(add: &mut impl FnMut(&str, &str), phase: Phase) {
     if steers(phase) {
         add(
             "directions chosen from 16",
@@ -188,6 +184,9 @@ fn add_tracking(
         add_camera_rays(add, transport, &survey);
     }
     let shadows = is_path && has_suns;
+    if shadows {
+        add_directions(add, medium.phase());
+    }
     let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
     let (distance, why) = match tracking.distance {
