@@ -220,9 +220,9 @@ fn slow_table_of_efficiencies() {
             let (mut mse, mut rel, mut n) = (0.0, 0.0, 0.0);
             for p in film.pixels().iter().filter(|p| p.alpha() > 0.01) {
                 let v = p.variance_of_mean();
-                for c in 0..3 {
-                    mse += v[c] * f64::from(scene.spp);
-                    rel += v[c] * f64::from(scene.spp) / (p.mean[c].powi(2) + 0.01);
+                for (v, mean) in v.into_iter().zip(p.mean) {
+                    mse += v * f64::from(scene.spp);
+                    rel += v * f64::from(scene.spp) / (mean.powi(2) + 0.01);
                     n += 1.0;
                 }
             }
