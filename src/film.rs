@@ -287,8 +287,8 @@ mod tests {
     #[test]
     fn depth_is_weighted() {
         let at = |depth_weight, depth| Sample {
-            depth_weight,
             depth,
+            depth_weight,
             ..Sample::default()
         };
         let p = pixel([at(0.5, 1.0), at(0.0, 7.0), at(1.0, 4.0)].into_iter());

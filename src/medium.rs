@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+pub use crate::grid::LOOKUP_COST;
 use crate::grid::{Blocks, Bound, Cells, Columns, DensityGrid, Sampler, Traversal, VoxelWalk};
 use crate::phase::Phase;
 use crate::space::Ray;

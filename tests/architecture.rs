@@ -86,6 +86,7 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
             "vdb",
             "cache",
             "render",
+            "grid/blocks",
             "grid/bounds",
             "grid/encoding",
             "grid/values",

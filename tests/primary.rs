@@ -61,21 +61,27 @@ fn medium(tree: Tree<f32>, voxel_size: f64, sigma_t: f32, albedo: Rgb) -> Medium
     Medium::new(Arc::new(grid), sigma_t, albedo, phase)
 }
 
+/// Returns a direction of length 1.
+fn unit(d: DVec3) -> DVec3 {
+    d.try_normalize().expect("a direction")
+}
+
 /// The walk's transmittance has the mean exp(−τ), and its collisions, with their weights, are
 /// distributed as real ones: the weight that falls into each of eight intervals of equal length is
 /// the difference of exact transmittances at its ends.
 ///
 /// 2¹⁶ walks: sees 2 % of an interval's share where it is 0.1. The weights of a walk add up to 1.
 #[test]
+#[expect(clippy::too_many_lines, reason = "one case after the other")]
 fn expected_flights_have_the_distribution_of_real_ones() {
     const CELLS: usize = 8;
     let slab = Ray {
         origin: DVec3::new(-0.3, 0.4, 0.5),
-        direction: DVec3::new(0.99, 0.08, 0.02).normalize(),
+        direction: unit(DVec3::new(0.99, 0.08, 0.02)),
     };
     let through = Ray {
         origin: DVec3::new(0.2, -3.0, 0.15),
-        direction: DVec3::new(-0.03, 1.0, -0.04).normalize(),
+        direction: unit(DVec3::new(-0.03, 1.0, -0.04)),
     };
     let cases = [
         (
@@ -89,15 +95,15 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             "thin",
             medium(lumps(), 0.05, 1.0, Rgb::WHITE),
             through,
-            2.0,
-            4.0,
+            1.5,
+            4.5,
         ),
         (
             "thick",
             medium(lumps(), 0.05, 12.0, Rgb::WHITE),
             through,
-            2.0,
-            4.0,
+            1.5,
+            4.5,
         ),
     ];
     let mut runs = Vec::new();
@@ -126,6 +132,11 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             f64::from(t)
         };
         let step = (end - start) / CELLS as f64;
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "t is not before the start"
+        )]
         let cell_of = |t: f64| (((t - start) / step) as usize).min(CELLS - 1);
         let mut expected = [0.0; CELLS + 1];
         for (i, share) in expected.iter_mut().enumerate().take(CELLS) {
@@ -167,8 +178,8 @@ fn expected_flights_have_the_distribution_of_real_ones() {
                 let n = f64::from(n);
                 let mean = sum[i] / n;
                 let error = ((square[i] / n - mean * mean) / n).sqrt();
-                // Without variance only rounding is left: walks of tiles are exact.
-                let z = (mean - expected[i]).abs() - 2e-6;
+                // Less than a collision in all is not seen, nor its error known.
+                let z = (mean - expected[i]).abs() - 1.0 / n;
                 assert!(
                     z <= 5.0 * error,
                     "{name}, analog below {below}, {tracking:?}, interval {i}: {mean} ± {error}, not {}",
@@ -224,7 +235,7 @@ fn sky() -> Lights {
 }
 
 /// Sums of the pixels of 8 × 8 blocks of two images, and of both: no |z| above 5, and z² is on
-/// average 1.
+/// average 1. Blocks where the first, analog, image has few collisions count for the whole only.
 fn agree(what: &str, a: &Rendered, b: &Rendered) {
     let width = a.film.width() as usize;
     let blocks = a.film.pixels().len() / 64;
@@ -233,20 +244,19 @@ fn agree(what: &str, a: &Rendered, b: &Rendered) {
     for block in 0..blocks {
         let corner = block % (width / 8) * 8 + block / (width / 8) * 8 * width;
         for (c, all) in all.iter_mut().enumerate() {
-            let (mut difference, mut variance) = (0.0, 0.0);
+            let (mut difference, mut variance, mut hits) = (0.0, 0.0, 0.0);
             for i in 0..64 {
                 let at = corner + i % 8 + i / 8 * width;
                 let (p, q): (&Pixel, &Pixel) = (&a.film.pixels()[at], &b.film.pixels()[at]);
                 difference += p.mean[c] - q.mean[c];
+                hits += p.opacity;
                 variance += p.variance_of_mean()[c] + q.variance_of_mean()[c];
             }
             all[0] += difference;
             all[1] += variance;
-            if variance == 0.0 {
-                assert!(
-                    difference.abs() < 1e-9,
-                    "{what}, block {block}: {difference}"
-                );
+            // Of fewer collisions the first image's variance is hardly known: not one in empty
+            // blocks.
+            if hits < 100.0 {
                 continue;
             }
             let z = difference / f64::sqrt(variance);

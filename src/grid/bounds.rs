@@ -414,7 +414,9 @@ fn cell_bound(tree: Voxels<'_>, o: IVec3, log2: u32, cell: Cell) -> Bound {
             let mut bound = Bound::constant(values[0]);
             let mut sum = 0.0_f64;
             for row in values.as_chunks::<8>().0 {
-                row.iter().for_each(|&v| bound.include(v));
+                for &v in row {
+                    bound.include(v);
+                }
                 sum += f64::from(row.iter().sum::<f32>());
             }
             Bound {

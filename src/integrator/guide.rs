@@ -110,15 +110,15 @@ impl Guide {
             .map_or(1.0, |s| s.columns.root_transmittance(p_index))
     }
 
-    /// Draws a direction of propagation after scattering at `p_index` out of `direction`, with
-    /// its weight.
+    /// Draws a direction of propagation after scattering at `p_index` out of `direction`; returns
+    /// it with its weight and its importance, 1 or more.
     pub(super) fn sample(
         &self,
         phase: Phase,
         p_index: DVec3,
         direction: DVec3,
         stream: &mut Stream,
-    ) -> (DVec3, f32) {
+    ) -> (DVec3, f32, f32) {
         let lobes = self.suns.iter().map(|sun| {
             // Light that arrives after one or two more scatterings comes from a wider cone,
             // and through more. Powers 1/2 and 1/8 of the root: of the transmittance 1/4 and 1/16.
@@ -127,7 +127,7 @@ impl Guide {
             (sun.direction, [sun.share * half, sun.share * eighth])
         });
         if !Self::steers(phase) || !lobes.clone().any(|(_, [_, wide])| wide > LEAST_WEIGHT) {
-            return (phase.sample(direction, stream), 1.0);
+            return (phase.sample(direction, stream), 1.0, 1.0);
         }
         let g = phase.mean_cosine();
         let (s, t) = orthonormal_frame(direction);
@@ -147,7 +147,8 @@ impl Guide {
         // Two Newton steps back to unit length: the components are good to 1e-7, and at a small
         // angle their squares' sum no better.
         let v = v * (1.5 - 0.5 * v.length_squared());
-        (v * (1.5 - 0.5 * v.length_squared()), weight)
+        let v = v * (1.5 - 0.5 * v.length_squared());
+        (v, weight, importance[chosen])
     }
 }
 
@@ -189,7 +190,9 @@ impl Candidates {
             let u = (i as f32 + offset) * (1.0 / CANDIDATES as f32);
             let inverse = 1.0 / (e + 2.0 * g * u);
             let one_minus_cos = e * (1.0 - u) * (e * (1.0 + g) * inverse + e) * inverse;
-            let sin_theta = (one_minus_cos * (2.0 - one_minus_cos)).max(0.0).sqrt();
+            // Not negative but for rounding: `f32::max` would look for NaN in each lane, too.
+            let square = one_minus_cos * (2.0 - one_minus_cos);
+            let sin_theta = if square > 0.0 { square } else { 0.0 }.sqrt();
             candidates.z[i] = 1.0 - one_minus_cos;
             candidates.x[i] = sin_theta * (cos[i] * cos_0 - sin[i] * sin_0);
             candidates.y[i] = sin_theta * (sin[i] * cos_0 + cos[i] * sin_0);
@@ -210,10 +213,11 @@ impl Candidates {
 /// Adds a Henyey–Greenstein lobe, 1 on average over the sphere, times `weight`.
 #[inline] // bench: frame
 fn add_lobe(importance: &mut Lanes, cos: &Lanes, g: f32, weight: f32) {
-    let scale = weight * (1.0 - g * g);
+    let (scale, least) = (weight * (1.0 - g * g), (1.0 - g) * (1.0 - g));
     for i in 0..CANDIDATES {
         // At least (1 − g)², since a cosine may be rounded above 1.
-        let d = (1.0 + g * g - 2.0 * g * cos[i]).max((1.0 - g) * (1.0 - g));
+        let d = 1.0 + g * g - 2.0 * g * cos[i];
+        let d = if d > least { d } else { least };
         importance[i] += scale / (d * d.sqrt());
     }
 }
@@ -273,7 +277,7 @@ mod tests {
                 let (mut sum, mut square) = ([0.0; 5], [0.0; 5]);
                 let mut weights_vary = false;
                 for _ in 0..n {
-                    let (d, w) = guide.sample(phase, DVec3::ZERO, direction, &mut stream);
+                    let (d, w, _) = guide.sample(phase, DVec3::ZERO, direction, &mut stream);
                     weights_vary |= w != 1.0;
                     let towards = d.dot(suns[0]).powi(2);
                     let w = f64::from(w);

@@ -22,7 +22,11 @@ use crate::stats::Counts;
 use crate::tracking::Tracking;
 use glam::DVec3;
 
-/// Paths of less weight are raised to it or ended, by their ratio.
+/// Paths of less weight times importance are raised to it or ended, by their ratio.
+///
+/// The guide gives less weight to paths that it sends towards a sun, where they will collect the
+/// more: by weight alone, roulette would take those. At g = 0.95 and 90 degrees from the sun it
+/// took MSE · samples from 0.8 to 2.0.
 const ROULETTE_WEIGHT: f32 = 0.03;
 
 /// Contributions of a sun that are expected below this fraction of the scene's typical radiance
@@ -70,6 +74,7 @@ pub(super) fn scattered_radiance(
     let least = LEAST_CONTRIBUTION * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::splat(weight);
+    let mut importance = 1.0;
     let mut bounces = 0;
     loop {
         let medium = walk.medium();
@@ -79,13 +84,13 @@ pub(super) fn scattered_radiance(
         throughput *= medium.albedo();
         bounces += 1;
 
-        let weight = throughput.max_channel();
-        if weight < roulette_weight {
-            if stream.uniform() * roulette_weight >= weight {
+        let worth = throughput.max_channel() * importance;
+        if worth < roulette_weight {
+            if stream.uniform() * roulette_weight >= worth {
                 counts.roulette_kills += 1;
                 return radiance;
             }
-            throughput *= roulette_weight / weight;
+            throughput *= roulette_weight / worth;
         }
 
         let vertex = Vertex {
@@ -106,8 +111,10 @@ pub(super) fn scattered_radiance(
                 radiance += vertex.direct_light(&settings.tracking, sun, worth, stream, counts);
             }
             if steer {
-                let (guided, weight) = guide.sample(medium.phase(), p, direction, stream);
+                let (guided, weight, guided_importance) =
+                    guide.sample(medium.phase(), p, direction, stream);
                 throughput *= weight;
+                importance = guided_importance;
                 next = Some(guided);
             }
         }
