@@ -195,10 +195,51 @@ fn no_lever_changes_a_pixel() {
     }
 }
 
+/// Prints the parts of the image's mean that sun and sky make, with all levers, beside those without
+/// any and with exact transmittances. `LEVER_SPP` samples a pixel; scenes as below.
+#[test]
+#[ignore = "measures, minutes"]
+fn slow_sun_and_sky_parts() {
+    let (Ok(paths), Ok(spp)) = (std::env::var("LEVER_SCENES"), std::env::var("LEVER_SPP")) else {
+        println!("LEVER_SCENES names no scenes, or LEVER_SPP no number of samples");
+        return;
+    };
+    for path in paths.split(',') {
+        for part in ["sun", "sky"] {
+            let run = |levers, transmittance, seed| {
+                let mut scene = load(path.as_ref());
+                match part {
+                    "sun" => scene.lights.environment = Rgb::BLACK,
+                    _ => scene.lights.distant.clear(),
+                }
+                (scene.width, scene.height, scene.seed) = (96, 54, seed);
+                scene.spp = spp.parse().expect("a number of samples");
+                scene.transport.levers = levers;
+                scene.transport.tracking.transmittance = transmittance;
+                film(&scene).mean()
+            };
+            let [(_, all), .., (_, none)] = variants();
+            let (ma, ea) = run(all, TransmittanceEstimator::Auto, 11);
+            let (mb, eb) = run(none, TransmittanceEstimator::Exact, 12);
+            let error = ea[1].hypot(eb[1]);
+            let z = (ma[1] - mb[1]) / error;
+            println!(
+                "{path}, {part}: {:.6} +- {:.6}, oracle {:.6} +- {:.6}, off by {:+.3} %, z {z:+.2}",
+                ma[1],
+                ea[1],
+                mb[1],
+                eb[1],
+                100.0 * (ma[1] / mb[1] - 1.0)
+            );
+            assert!(z.abs() < 5.0, "{path}, {part}: z {z}");
+        }
+    }
+}
+
 /// Prints what each lever is worth: the efficiency `1 / (relMSE · CPU s)` without it over that
 /// with all of them. Run it in a release build, with one thread, on scene files of your own:
 /// `LEVER_SCENES=a.toml,b.toml RAYON_NUM_THREADS=1 cargo test --release --test levers -- --ignored
-/// --nocapture`.
+/// --nocapture table`.
 #[test]
 #[ignore = "measures, minutes"]
 fn slow_table_of_efficiencies() {
