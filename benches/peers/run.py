@@ -122,9 +122,15 @@ def main():
         scene = ROOT / "data" / "scenes" / f"{name}.toml"
         subprocess.run([export, scene, args.runs / name], check=True)
 
+    # A block that was rendered before, by an earlier run into the same folder, would be its own
+    # reference: its error against itself is zero.
+    log = args.runs / "runs.jsonl"
+    seeds = [json.loads(line)["seed"] for line in log.read_text().splitlines()] if log.exists() else []
+    first = max(seeds, default=99) + 1
+
     end = time.monotonic() + 60 * args.minutes
     took = {}
-    for turn in ((seed, name, r) for seed in range(100, 100 + args.rounds) for name in names for r in renderers):
+    for turn in ((seed, name, r) for seed in range(first, first + args.rounds) for name in names for r in renderers):
         seed, name, renderer = turn
         begin = time.monotonic()
         if begin + took.get((name, renderer), 0) > end:

@@ -29,7 +29,7 @@ use crate::stats::Counts;
 use crate::tracking::{Survey, Tracking, TransmittanceEstimator};
 
 /// Probability for a path to go on, for each unit of opacity.
-const SURVIVAL: f32 = 4.0;
+const SURVIVAL: f32 = 3.0;
 
 /// Weight below which what is left of a camera ray collides or escapes.
 const ANALOG_BELOW: f32 = 0.1;
