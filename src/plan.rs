@@ -9,7 +9,7 @@ use serde::Serialize;
 
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only,
-    saves_shadow_rays, steers,
+    steers,
 };
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -187,12 +187,7 @@ fn add_tracking(
     let shadows = is_path && has_suns;
     if shadows {
         add_directions(add, medium.phase());
-        if !saves_shadow_rays(&survey) {
-            add(
-                "every shadow ray traced in full",
-                "they meet few collisions: roulette would save little",
-            );
-        }
+    }
     }
     let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());

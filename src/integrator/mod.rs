@@ -106,18 +106,6 @@ impl Default for Levers {
     }
 }
 
-/// Collisions that a shadow ray meets, in the survey, below which it costs too little to be saved.
-///
-/// Efficiency with every shadow ray traced in full over that with roulette: 1.2 in the smoke of
-/// depth 3 (1.1 collisions), 0.95 in a tower (2.6), 0.83 in the smoke at three times the depth
-/// (3.3), 0.3 in clouds.
-const CHEAP_SHADOW_RAY: f32 = 2.0;
-
-/// Returns whether shadow rays are worth saving by roulette, in the medium of the survey.
-pub fn saves_shadow_rays(survey: &Survey) -> bool {
-    survey.collisions_per_ray >= CHEAP_SHADOW_RAY
-}
-
 /// Returns whether the path integrator chooses among directions of scattering by `phase`, where
 /// there are suns: with a broad phase function that costs more than it gains.
 pub fn steers(phase: Phase) -> bool {
@@ -153,11 +141,10 @@ impl<'a> Context<'a> {
             Some(survey) => settings.tracking.fitted(survey),
             None => absorbing_tracking(settings.tracking),
         };
-        let mut settings = TransportSettings {
+        let settings = TransportSettings {
             tracking,
             ..settings
         };
-        settings.levers.light_roulette &= survey.as_ref().is_some_and(saves_shadow_rays);
         let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
         let guide = scattering.filter(|_| guided).map(|m| Guide::new(m, lights));
         Self {
