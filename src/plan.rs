@@ -8,8 +8,7 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::integrator::{
-    CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only,
-    steers,
+    CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
 };
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -187,7 +186,6 @@ fn add_tracking(
     let shadows = is_path && has_suns;
     if shadows {
         add_directions(add, medium.phase());
-    }
     }
     let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
