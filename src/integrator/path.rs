@@ -26,8 +26,8 @@ use glam::DVec3;
 /// Paths of less weight times importance are raised to it or ended, by their ratio.
 ///
 /// The guide gives less weight to paths that it sends towards a sun, where they will collect the
-/// more: by weight alone, roulette would take those. At g = 0.95 and 90 degrees from the sun it
-/// took MSE · samples from 0.8 to 2.0.
+/// more: by weight alone, roulette would take those. At g = 0.95 and the sun 30, 90 and 150 degrees
+/// from the view, relMSE · samples by weight alone 2.84, 2.33 and 1.97, and 2.64, 2.11 and 1.76.
 const ROULETTE_WEIGHT: f32 = 0.03;
 
 /// Contributions of a sun that are expected below this fraction of the scene's typical radiance
