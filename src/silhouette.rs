@@ -29,7 +29,7 @@ impl Silhouette {
     /// Finds the pixels of an image of `width` by `height` pixels.
     ///
     /// # Cost
-    /// Eight projections for each box, and [`MAX_FILL`] stores a pixel at most.
+    /// Eight projections for each box, and at most 64 stores a pixel.
     pub fn new(medium: Option<&Medium>, camera: &Camera, width: u32, height: u32) -> Self {
         let size = [width as usize, height as usize];
         let mut all = Self {

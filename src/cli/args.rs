@@ -150,7 +150,7 @@ pub(super) struct RenderArgs {
     /// Density grid to render, by name
     #[arg(long, value_name = "NAME")]
     pub(super) grid: Option<String>,
-    /// Values in memory: auto, lossless, f32, f16, u16 or u8
+    /// Values in memory
     #[arg(long, value_name = "NAME", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
     pub(super) encoding: Option<StorageKind>,
     /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
@@ -180,20 +180,19 @@ pub(super) struct RenderArgs {
 /// Which estimators track rays, and which numbers they use.
 #[derive(Debug, clap::Args)]
 pub(super) struct TrackingArgs {
-    /// Collisions of camera rays: auto, expected or analog
+    /// Collisions of camera rays
     #[arg(long, value_name = "NAME", value_parser = parse_named(CameraRay::ALL, CameraRay::name))]
     pub(super) camera_ray: Option<CameraRay>,
-    /// First numbers of a path: sobol or independent
+    /// First numbers of a path
     #[arg(long, value_name = "NAME", value_parser = parse_named(SamplerKind::ALL, SamplerKind::name))]
     pub(super) sampler: Option<SamplerKind>,
-    /// Free flight: auto, delta, decomposition, regular or closed-form
+    /// Free flight
     #[arg(long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
     pub(super) distance: Option<DistanceEstimator>,
-    /// Shadow rays: auto, residual-ratio, ratio, exact, power-series, delta, closed-form or
-    /// approx-ray-marching
+    /// Shadow rays
     #[arg(long, value_name = "NAME", value_parser = parse_named(TransmittanceEstimator::ALL, TransmittanceEstimator::name))]
     pub(super) transmittance: Option<TransmittanceEstimator>,
-    /// Bounds of both: auto, hierarchy, brick or global
+    /// Bounds of both
     #[arg(long, value_name = "NAME", value_parser = parse_named(BoundsKind::ALL, BoundsKind::name))]
     pub(super) bounds: Option<BoundsKind>,
     /// Collisions of shadow rays for each unit of the bound, from 1
