@@ -14,7 +14,7 @@ use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::sampling::SamplerKind;
 use crate::scene::{LoadedVolume, Scene};
-use crate::tracking::{BoundsKind, DistanceEstimator, Survey, TransmittanceEstimator};
+use crate::tracking::{BoundsKind, BrickShares, DistanceEstimator, Survey, TransmittanceEstimator};
 
 /// One decision.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -176,7 +176,8 @@ fn add_tracking(
     transport: &TransportSettings,
     has_suns: bool,
 ) {
-    let survey = Survey::new(medium, &transport.tracking);
+    let survey = Survey::new(medium);
+    let shares = BrickShares::new(medium, &transport.tracking);
     let asked_bounds = transport.tracking.bounds;
     let tracking = transport.tracking.fitted(&survey);
     let is_path = transport.integrator == IntegratorKind::Path;
@@ -187,7 +188,7 @@ fn add_tracking(
     if shadows {
         add_directions(add, medium.phase());
     }
-    let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / survey.bricks.max(1) as f64);
+    let share = |n: u64| format!("{:.1} %", 100.0 * n as f64 / shares.bricks.max(1) as f64);
     let asked = |name: &str| (name.to_owned(), "asked for".to_owned());
     let (distance, why) = match tracking.distance {
         DistanceEstimator::Auto => (
@@ -195,9 +196,9 @@ fn add_tracking(
             format!(
                 "auto; closed form in {} of bricks, no lookup below the minimum in {}, cell by cell \
                  in {}, where collisions would be dense; delta tracking otherwise",
-                share(survey.homogeneous),
-                share(survey.decomposed),
-                share(survey.regular),
+                share(shares.homogeneous),
+                share(shares.decomposed),
+                share(shares.regular),
             ),
         ),
         other => asked(other.name()),
@@ -210,8 +211,8 @@ fn add_tracking(
                 format!(
                     "auto; closed form in {} of bricks, exact in {}, where collisions would be \
                      dense; a control and ratio tracking otherwise",
-                    share(survey.homogeneous),
-                    share(survey.exact),
+                    share(shares.homogeneous),
+                    share(shares.exact),
                 ),
             ),
             TransmittanceEstimator::ApproxRayMarching => (

@@ -76,8 +76,8 @@ fn documented_defaults_are_those_of_the_code() {
                 collision_rate,
                 flight_rate,
                 march_step,
-                camera_ray: _,
-                sampler: _,
+                camera_ray,
+                sampler,
             },
     } = parse(MINIMAL).desc;
     let VolumeDesc {
@@ -85,8 +85,8 @@ fn documented_defaults_are_those_of_the_code() {
         density: DensityDesc { grid, scale },
         albedo,
         phase,
-        encoding: _,
-        storage_error: _,
+        encoding,
+        storage_error,
     } = volume[0].get_ref();
     let PhaseDesc { kind, g } = phase.get_ref();
     assert_eq!((*kind, g), (PhaseKind::Isotropic, &None));
@@ -128,6 +128,13 @@ fn documented_defaults_are_those_of_the_code() {
             format!("{:?}", collision_rate.get_ref()),
         ),
         ("render.flight_rate", format!("{:?}", flight_rate.get_ref())),
+        ("render.camera_ray", format!("\"{}\"", camera_ray.name())),
+        ("render.sampler", format!("\"{}\"", sampler.name())),
+        (
+            "volume.encoding",
+            format!("\"{}\"", encoding.get_ref().name()),
+        ),
+        ("volume.storage_error", storage_error.get_ref().to_string()),
         ("render.march_step", format!("{:?}", march_step.get_ref())),
     ];
     for (key, value) in shown {

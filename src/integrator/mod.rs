@@ -135,7 +135,7 @@ impl<'a> Context<'a> {
     ) -> Self {
         // Where nothing scatters there is no path to survey for, and no light to find.
         let scattering = medium.filter(|m| !absorbs_only(&settings, m));
-        let survey = scattering.map(|m| Survey::new(m, &settings.tracking));
+        let survey = scattering.map(Survey::new);
         let kernel = medium.map(|_| Kernel::new(&settings, survey.as_ref()));
         let tracking = match &survey {
             Some(survey) => settings.tracking.fitted(survey),

@@ -21,4 +21,4 @@ pub mod transmittance;
 
 pub use expected::ExpectedFlight;
 pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
-pub use survey::Survey;
+pub use survey::{BrickShares, Survey};

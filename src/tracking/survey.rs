@@ -14,9 +14,9 @@ use crate::sampling::{Stream, StreamKey, sample_cone};
 use crate::space::Ray;
 use glam::DVec3;
 
-/// Numbers of bricks that are not empty, by how `auto` treats them, and what rays meet.
+/// Numbers of bricks that are not empty, by how `auto` treats them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Survey {
+pub struct BrickShares {
     /// All of them.
     pub bricks: u64,
     /// Of one extinction: closed forms.
@@ -27,6 +27,11 @@ pub struct Survey {
     pub regular: u64,
     /// Integrated exactly for the transmittance.
     pub exact: u64,
+}
+
+/// What rays meet.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Survey {
     /// Mean number of collisions of residual ratio tracking, at a rate of 1, on a ray from a
     /// point of the medium, drawn in proportion to density, outwards.
     pub collisions_per_ray: f32,
@@ -39,12 +44,12 @@ pub struct Survey {
 /// Rays that are walked for the mean number of collisions.
 const RAYS: usize = 256;
 
-impl Survey {
-    /// Surveys `medium`, for distances tracked at `flight_rate` and transmittances at `rate`
-    /// collisions for each unit of the bound.
+impl BrickShares {
+    /// Counts the bricks of `medium`, for distances tracked at `flight_rate` and transmittances at
+    /// `rate` collisions for each unit of the bound.
     ///
     /// # Cost
-    /// A look at each brick's bound and the walks of 256 rays. Deterministic.
+    /// A look at each brick's bound: for people, so rendering does without.
     pub fn new(
         medium: &Medium,
         Tracking {
@@ -54,29 +59,33 @@ impl Survey {
         // The mean of |x| + |y| + |z| over directions is 3/2.
         let voxels_per_length = 1.5 / medium.mean_voxel_size();
         let dense = |rate: f32, limit: f64| f64::from(rate) > limit * voxels_per_length;
-        let mut survey = Self::default();
-        survey.walk_rays(medium);
+        let mut shares = Self::default();
         for segment in medium.brick_segments() {
-            survey.bricks += 1;
+            shares.bricks += 1;
             if segment.is_homogeneous() {
-                survey.homogeneous += 1;
+                shares.homogeneous += 1;
                 continue;
             }
             let (_, bound) = residual(&segment);
             let flight = segment.sigma_maj * flight_rate;
             let regular = dense(flight, distance::EXACT_COLLISIONS_PER_VOXEL);
             let exact = dense(bound * rate, transmittance::EXACT_COLLISIONS_PER_VOXEL);
-            survey.decomposed += u64::from(segment.sigma_min > 0.0);
-            survey.regular += u64::from(regular);
-            survey.exact += u64::from(exact);
+            shares.decomposed += u64::from(segment.sigma_min > 0.0);
+            shares.regular += u64::from(regular);
+            shares.exact += u64::from(exact);
         }
-        survey
+        shares
     }
+}
 
-    /// Walks rays outwards from the centres of bricks, drawn in proportion to their mean, in all
-    /// directions.
+impl Survey {
+    /// Surveys `medium` by rays outwards from the centres of bricks, drawn in proportion to their
+    /// mean, in all directions.
+    ///
+    /// # Cost
+    /// The walks of 256 rays, and two looks at each brick's mean to draw them. Deterministic.
     #[expect(clippy::cast_possible_truncation, reason = "estimates")]
-    fn walk_rays(&mut self, medium: &Medium) {
+    pub fn new(medium: &Medium) -> Self {
         let mut stream = Stream::new(StreamKey::default());
         let centres = medium.brick_centres(RAYS);
         let (mut collisions, mut saved, mut added) = (0.0, 0.0, 0.0);
@@ -104,8 +113,10 @@ impl Survey {
             }
         }
         let mean = |sum: f64| (sum / centres.len().max(1) as f64) as f32;
-        self.collisions_per_ray = mean(collisions);
-        self.saved_segments = mean(saved);
-        self.added_collisions = mean(added);
+        Self {
+            collisions_per_ray: mean(collisions),
+            saved_segments: mean(saved),
+            added_collisions: mean(added),
+        }
     }
 }
