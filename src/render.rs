@@ -84,6 +84,9 @@ fn render_each(
     let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
     let rendered: Vec<(Pixels, Counts, f64)> = tiles
         .par_iter()
+        // Tiles cost from nothing to a hundred times the mean: left to itself, rayon hands out a
+        // quarter of the image at a time, and a thread ends up waiting for the other.
+        .with_max_len(1)
         .map(|tile| {
             let (pixels, counts) = render_tile(scene, &context, &silhouette, tile, cancel);
             let rays = counts.camera_rays;
