@@ -19,6 +19,8 @@ const TABLE: &[(&str, &str)] = &[
     ("stats", ""),
     ("sobol", ""),
     ("sampling", "sobol space spectrum"),
+    ("alias", ""),
+    ("blackbody", "spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
     ("grid", "grid space"),
@@ -28,17 +30,25 @@ const TABLE: &[(&str, &str)] = &[
     ("camera", "space spectrum sampling"),
     ("light", "space spectrum sampling"),
     ("film", "space spectrum"),
-    ("medium", "space spectrum sampling stats phase grid"),
+    ("field", "grid space spectrum"),
+    (
+        "emission",
+        "emission field blackbody alias sampling space spectrum",
+    ),
+    (
+        "medium",
+        "space spectrum sampling stats phase grid emission",
+    ),
     ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),
     (
         "integrator",
-        "integrator tracking medium phase light space spectrum sampling stats",
+        "integrator tracking medium emission phase light space spectrum sampling stats",
     ),
     (
         "scene",
-        "scene vdb cache grid medium phase light camera film space spectrum sampling integrator \
-         tracking",
+        "scene vdb cache grid field blackbody emission medium phase light camera film space \
+         spectrum sampling integrator tracking",
     ),
     (
         "plan",
@@ -90,6 +100,7 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
             "grid/bounds",
             "grid/encoding",
             "grid/values",
+            "emission",
             "verify",
             "cli",
         ],

@@ -84,6 +84,7 @@ fn documented_defaults_are_those_of_the_code() {
         file: _,
         density: DensityDesc { grid, scale },
         albedo,
+        emission,
         phase,
         encoding,
         storage_error,
@@ -95,7 +96,7 @@ fn documented_defaults_are_those_of_the_code() {
     let PhaseDesc { kind, g } = phase.get_ref();
     assert_eq!((*kind, g), (PhaseKind::Isotropic, &None));
     assert_eq!(*size.get_ref(), ScaleDesc::Uniform(1.0));
-    assert_eq!(*matrix, None);
+    assert_eq!((matrix, emission), (&None, &None));
     let integrator = serde_json::to_string(integrator.get_ref()).expect("an enum");
     let shown = [
         (
@@ -145,6 +146,15 @@ fn documented_defaults_are_those_of_the_code() {
         ("volume.rotate", format!("{:?}", rotate.get_ref())),
         ("volume.scale", "1.0".to_owned()),
         ("volume.matrix", "none".to_owned()),
+        ("volume.emission.grid", "none".to_owned()),
+        ("volume.emission.grids", "none".to_owned()),
+        ("volume.emission.temperature", "none".to_owned()),
+        ("volume.emission.scale", "1.0".to_owned()),
+        ("volume.emission.color", "[1.0, 1.0, 1.0]".to_owned()),
+        ("volume.emission.offset", "0.0".to_owned()),
+        ("volume.emission.intensity", "1.0".to_owned()),
+        ("volume.emission.peak", "\"spectrum\"".to_owned()),
+        ("volume.emission.physical", "false".to_owned()),
         ("render.march_step", format!("{:?}", march_step.get_ref())),
     ];
     for (key, value) in shown {

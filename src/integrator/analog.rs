@@ -2,7 +2,7 @@
 //!
 //! A photon path run backwards, as nature does it: fly to the next collision, die there with
 //! probability `1 − albedo`, scatter otherwise, and bring home what shines where the path
-//! leaves. It is short enough to be checked by eye and serves as the reference for the
+//! leaves. What media emit is added up along the way. It is short enough to be checked by eye and serves as the reference for the
 //! path integrator.
 //!
 //! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
@@ -29,15 +29,22 @@ pub(super) fn sample_radiance(
         ref media,
         lights,
         settings,
+        ref emitters,
         ..
     } = *context;
+    let mut radiance = Rgb::BLACK;
     let mut first_collision = None;
     let mut weight = Rgb::WHITE;
     let mut bounces = 0;
     loop {
-        let Some(Met { walk, t, .. }) = media.first_collision(&ray, stream, counts) else {
+        let met = media.first_collision(&ray, stream, counts);
+        if !emitters.is_empty() {
+            let end = met.as_ref().map_or(f64::INFINITY, |met| met.t);
+            radiance += weight * emitters.at_random(&ray, end, stream, counts);
+        }
+        let Some(Met { walk, t, .. }) = met else {
             return PathSample {
-                radiance: weight * lights.radiance(ray.direction),
+                radiance: radiance + weight * lights.radiance(ray.direction),
                 first_collision,
                 opacity: if first_collision.is_some() { 1.0 } else { 0.0 },
             };
@@ -48,7 +55,7 @@ pub(super) fn sample_radiance(
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {
             return PathSample {
-                radiance: Rgb::BLACK,
+                radiance,
                 first_collision,
                 opacity: 1.0,
             };

@@ -1,6 +1,7 @@
 //! Estimators of the radiance along a camera ray.
 //!
 //! * `analog`: plain delta tracking, the short reference.
+//! * `emission`: light that the media emit.
 //! * `media`: several media in one scene, for both.
 //! * `guide`: importance of points and directions for the latter.
 //! * `primary`: the camera ray of the latter, up to the collision from which it goes on.
@@ -9,6 +10,7 @@
 //! Both have the same expectation; a test compares their images. Neither sees a voxel.
 
 mod analog;
+mod emission;
 mod guide;
 mod media;
 mod path;
@@ -16,6 +18,7 @@ mod primary;
 
 use serde::{Deserialize, Serialize};
 
+use self::emission::Emitters;
 use self::guide::Guide;
 use self::media::{Media, Tracked};
 pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
@@ -97,6 +100,8 @@ pub struct Levers {
     pub light_roulette: bool,
     /// Paths of little weight are ended.
     pub path_roulette: bool,
+    /// Points of media that emit are sampled as a light is, and not by chance alone.
+    pub emission_light: bool,
 }
 
 impl Default for Levers {
@@ -105,6 +110,7 @@ impl Default for Levers {
             guide: true,
             light_roulette: true,
             path_roulette: true,
+            emission_light: true,
         }
     }
 }
@@ -121,6 +127,7 @@ pub struct Context<'a> {
     media: Media<'a>,
     lights: &'a Lights,
     settings: TransportSettings,
+    emitters: Emitters<'a>,
     guide: Option<Guide>,
     /// Of the path integrator.
     kernel: Kernel,
@@ -151,6 +158,7 @@ impl<'a> Context<'a> {
             media: Media::new(tracked.collect()),
             lights,
             settings,
+            emitters: Emitters::new(media, settings.levers.emission_light),
             guide: (guided && scatters).then(|| Guide::new(media, lights)),
             kernel: Kernel::new(&settings, &surveys),
         }

@@ -4,7 +4,7 @@
 //! transmittance, and goes on in a direction drawn from the phase function or, near a sun, from
 //! a choice of several (see `guide`). Where it leaves the medium it collects the sky, which is
 //! the same from everywhere. A sun's disk is seen by camera rays only, since scattered paths
-//! have it from their last collision.
+//! have it from their last collision. What media emit is found in both ways (see `emission`).
 //!
 //! Absorption multiplies the weight by the albedo; nothing else ends a path but leaving and
 //! roulette below [`ROULETTE_WEIGHT`]. There is no cap on the number of bounces unless the
@@ -13,6 +13,7 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
+use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
 use super::primary::Kernel;
 use super::{Context, Levers};
@@ -64,6 +65,7 @@ pub(super) fn scattered_radiance<'a>(
         ref media,
         lights,
         settings,
+        ref emitters,
         ref guide,
         kernel,
     } = *context;
@@ -71,6 +73,7 @@ pub(super) fn scattered_radiance<'a>(
         guide: steer,
         light_roulette,
         path_roulette,
+        emission_light: _,
     } = settings.levers;
     let roulette_weight = if path_roulette {
         ROULETTE_WEIGHT
@@ -82,7 +85,7 @@ pub(super) fn scattered_radiance<'a>(
         Kernel::Expected => LEAST_CONTRIBUTION_THIN,
         Kernel::Analog | Kernel::Transmittance => LEAST_CONTRIBUTION,
     };
-    let least = least * lights.typical_radiance();
+    let least = least * (lights.typical_radiance() + emitters.typical_radiance());
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::splat(weight);
     let mut importance = 1.0;
@@ -136,16 +139,36 @@ pub(super) fn scattered_radiance<'a>(
                 next = Some(guided);
             }
         }
+        if !emitters.is_empty() {
+            let worth = if light_roulette {
+                least.recip()
+            } else {
+                f32::MAX
+            };
+            radiance += vertex.emitted_light(emitters, worth, stream, counts);
+        }
         counts.scattered_rays += 1;
+        let arrived = direction;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
         walk.turn(t, direction, f64::INFINITY);
         let further = media
             .tracking(index)
             .next_collision(&mut walk, stream, counts);
-        if media.are_several() {
+        if media.are_several() || !emitters.is_empty() {
             let ray = ray_from(&walk, 0.0, direction);
-            let t_max = further.unwrap_or(f64::INFINITY);
-            if let Some(nearer) = media.nearer(Some(index), &ray, t_max, stream, counts) {
+            let mut end = further.unwrap_or(f64::INFINITY);
+            let nearer = if media.are_several() {
+                media.nearer(Some(index), &ray, end, stream, counts)
+            } else {
+                None
+            };
+            end = nearer.as_ref().map_or(end, |met| met.t);
+            if !emitters.is_empty() {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                let worth = (phase, throughput.max_channel());
+                radiance += throughput * emitters.along(&ray, end, worth, stream, counts);
+            }
+            if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
                 continue;
             }
@@ -203,6 +226,34 @@ impl Vertex<'_, '_> {
         let transmittance =
             self.transmittance((light.direction, f64::INFINITY), least, stream, counts);
         unoccluded * (transmittance / probability)
+    }
+
+    /// Returns an unbiased estimate of emitted light that scatters here towards the camera, from a
+    /// point drawn as of a light; `worth` as of [`direct_light`](Self::direct_light).
+    fn emitted_light(
+        &self,
+        emitters: &Emitters<'_>,
+        worth: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let origin = self.walk.world_position(self.t);
+        let phase = self.walk.medium().phase();
+        let towards = |direction| phase.eval(self.direction.dot(direction));
+        let Some(point) = emitters.sample_light(origin, towards, stream, counts) else {
+            return Rgb::BLACK;
+        };
+        let unoccluded = self.throughput * point.unoccluded;
+        let worth = unoccluded.max_channel() * worth;
+        if worth < 1.0 && stream.uniform() >= worth {
+            return Rgb::BLACK;
+        }
+        // At least the probability of having come here: zero cannot.
+        let probability = worth.min(1.0);
+        counts.shadow_rays += 1;
+        let least = worth.recip().min(1.0);
+        let to = (point.direction, point.distance);
+        unoccluded * (self.transmittance(to, least, stream, counts) / probability)
     }
 
     /// Estimates the transmittance towards a direction, up to a distance.

@@ -20,6 +20,8 @@
 //! are positive.
 //!
 //! Where nothing scatters there are no paths, and camera rays are estimates of the transmittance.
+//!
+//! What media emit towards the camera is added to all of them.
 
 use super::media::{Met, Tracked};
 use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, path};
@@ -104,13 +106,20 @@ pub(super) fn sample_radiance(
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
-    match (context.kernel, context.media.all()) {
+    let mut sample = match (context.kernel, context.media.all()) {
         (Kernel::Analog, _) => analog(context, ray, stream, counts),
         (Kernel::Expected, [one, ..]) => expected(context, one, ray, stream, counts),
         (Kernel::Transmittance | Kernel::Expected, _) => {
             transmittance(context, ray, stream, counts)
         }
+    };
+    let Context {
+        media, emitters, ..
+    } = context;
+    if !emitters.is_empty() {
+        sample.radiance += emitters.seen(media, &ray, stream, counts);
     }
+    sample
 }
 
 fn analog(context: &Context<'_>, ray: Ray, stream: &mut Stream, counts: &mut Counts) -> PathSample {

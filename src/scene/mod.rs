@@ -12,11 +12,13 @@
 //! Every number is checked here, once; whatever follows may rely on it.
 
 mod check;
+mod check_emission;
 mod check_light;
 mod check_tracking;
 pub mod default_look;
 pub mod desc;
 mod error;
+mod fields;
 mod framing;
 mod load;
 mod placement;
