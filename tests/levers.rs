@@ -36,6 +36,7 @@ fn variants() -> [(&'static str, Levers); 5] {
         guide: false,
         light_roulette: false,
         path_roulette: false,
+        emission_light: false,
     };
     [
         ("all", all),
