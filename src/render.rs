@@ -76,12 +76,11 @@ fn render_each(
     on_cost: &mut dyn FnMut(usize, PixelCost),
 ) -> Rendered {
     let start = Instant::now();
-    let context = Context::new(scene.medium.as_ref(), &scene.lights, scene.transport);
+    let context = Context::new(&scene.media, &scene.lights, scene.transport);
     let mut film = Film::new(scene.width, scene.height);
     let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
     let done = AtomicU64::new(0);
-    let (medium, camera) = (scene.medium.as_ref(), &scene.camera);
-    let silhouette = Silhouette::new(medium, camera, scene.width, scene.height);
+    let silhouette = Silhouette::new(&scene.media, &scene.camera, scene.width, scene.height);
     let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
     let rendered: Vec<(Pixels, Counts, f64)> = tiles
         .par_iter()

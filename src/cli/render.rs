@@ -28,9 +28,9 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         sanitize: args.sanitize,
     };
     let mut stages = Stages::default();
-    let (file, volume) = if is_volume(&args.input) {
+    let (file, volumes) = if is_volume(&args.input) {
         let (file, volume) = default_scene(args, &options, &mut stages)?;
-        (file, Some(volume))
+        (file, Some(vec![volume]))
     } else if args.up.is_some() {
         return Err(Failure::Usage(
             "--up is for bare .vdb files: set up in [camera]".to_owned(),
@@ -44,14 +44,14 @@ pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
         return report::print(&scene_text(&file, args));
     }
     targets.check()?;
-    let hash = file.hash(checked.volume_path());
-    let volume = match volume {
-        Some(volume) => volume,
-        None => checked.load_volume(&options, &mut |stage| stages.enter(stage))?,
+    let hash = file.hash(checked.volume_paths());
+    let volumes = match volumes {
+        Some(volumes) => volumes,
+        None => checked.load_volumes(&options, &mut |stage| stages.enter(stage))?,
     };
-    let scene = checked.into_scene(&volume)?;
+    let scene = checked.into_scene(&volumes)?;
     stages.end();
-    let mut stats = Stats::new(&args.input, &targets.image, &scene, &volume);
+    let mut stats = Stats::new(&args.input, &targets.image, &scene, &volumes);
     stages.write_to(&mut stats, begin);
     if args.explain {
         report::print(&explanation(&stats))?;
@@ -300,13 +300,12 @@ fn explanation(stats: &Stats) -> String {
 }
 
 fn report_plan(stats: &Stats) {
-    let grid = &stats.grid;
-    let mb = grid.bytes as f64 / 1e6;
-    tracing::debug!(
-        "{} bricks, {mb:.1} MB in memory, {} threads",
-        grid.bricks,
-        stats.threads
-    );
+    for grid in &stats.grids {
+        let mb = grid.bytes as f64 / 1e6;
+        let (file, bricks) = (&grid.file, grid.bricks);
+        tracing::debug!("{file}: {bricks} bricks, {mb:.1} MB in memory");
+    }
+    tracing::debug!("{} threads", stats.threads);
     for line in &stats.plan {
         tracing::debug!("{line}");
     }

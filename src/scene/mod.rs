@@ -1,7 +1,7 @@
 //! From a scene file, or a bare volume, to everything a frame needs.
 //!
 //! ```text
-//! scene.toml ── SceneFile::read ──┐                       ┌─ LoadedVolume ◄── .vdb
+//! scene.toml ── SceneFile::read ──┐                       ┌─ LoadedVolumes ◄── .vdb
 //!                                 ├─► check ─► Checked ───┴─► into_scene ─► Scene
 //! bare .vdb ─── default_look ─────┘   (no file touched)
 //! ```
@@ -19,6 +19,7 @@ pub mod desc;
 mod error;
 mod framing;
 mod load;
+mod placement;
 mod value;
 mod write;
 
@@ -50,8 +51,8 @@ pub struct Scene {
     pub frame: i32,
     /// The camera.
     pub camera: Camera,
-    /// The medium, if there is one.
-    pub medium: Option<Medium>,
+    /// The media: their coefficients add up where they overlap.
+    pub media: Vec<Medium>,
     /// The lights.
     pub lights: Lights,
     /// Light transport.
@@ -119,8 +120,8 @@ impl SceneFile {
     /// Returns a hash of all that decides a pixel's expectation and noise, but not how many
     /// samples: parts of one picture have equal hashes.
     ///
-    /// The volume counts by file name and length, not by its voxels.
-    pub fn hash(&self, volume_path: &Path) -> u64 {
+    /// Volumes count by file name and length, not by their voxels.
+    pub fn hash<'p>(&self, volume_paths: impl IntoIterator<Item = &'p Path>) -> u64 {
         let mut desc = self.desc.clone();
         desc.render.spp = desc::unplaced(1);
         for volume in &mut desc.volume {
@@ -128,8 +129,11 @@ impl SceneFile {
             let name = volume.file.get_ref().file_name().unwrap_or_default();
             volume.file = desc::unplaced(name.into());
         }
-        let bytes = std::fs::metadata(volume_path).map_or(0, |m| m.len());
-        fnv1a(write::to_toml(&desc, &bytes.to_string()).as_bytes())
+        let lengths = volume_paths
+            .into_iter()
+            .map(|path| std::fs::metadata(path).map_or(0, |m| m.len()).to_string());
+        let lengths = lengths.collect::<Vec<_>>().join(" ");
+        fnv1a(write::to_toml(&desc, &lengths).as_bytes())
     }
 }
 
