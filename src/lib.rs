@@ -47,7 +47,7 @@
 //!     frame: 0,
 //!     camera,
 //!     media: vec![medium],
-//!     lights: Lights { distant: vec![], environment: Rgb::WHITE },
+//!     lights: Lights { environment: Rgb::WHITE, ..Lights::default() },
 //!     transport: Default::default(),
 //! };
 //! let rendered = render(&scene, &NoProgress, &AtomicBool::new(false));

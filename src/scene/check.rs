@@ -10,8 +10,9 @@ use std::sync::Arc;
 use toml::Spanned;
 
 use super::check_light::check_lights;
+use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
-use super::desc::{PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc};
+use super::desc::{RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
@@ -55,7 +56,10 @@ struct CheckedVolume {
     path: PathBuf,
     grid: Spanned<String>,
     scale: Range<usize>,
+    /// Of the channel with the largest.
     sigma_t_per_density: f32,
+    /// Of the others, over that.
+    tint: Rgb,
     albedo: Rgb,
     phase: Phase,
     storage: Storage,
@@ -101,7 +105,7 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
     let seed = *desc.render.seed.get_ref();
     let camera = check_camera(source, desc, resolution)?;
     let volumes = check_volumes(source, desc)?;
-    let lights = check_lights(source, desc)?;
+    let lights = check_lights(source, desc, max_memory_bytes)?;
     Ok(Checked {
         source: source.clone(),
         resolution,
@@ -212,6 +216,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
     let VolumeDesc {
         file,
         density,
+        extinction_color,
         albedo,
         phase,
         encoding,
@@ -226,6 +231,13 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         let expected = "a number from 0 to 3e38, in 1 / world unit";
         source.error(density.scale.span(), format!("scale is {scale}"), expected)
     })?;
+    let color = colour(source, "extinction_color", extinction_color)?;
+    let most = color.max_channel();
+    let sigma_t_per_density = sigma_t_per_density * most;
+    if !sigma_t_per_density.is_finite() {
+        let message = format!("{scale} times {most} is too large an extinction");
+        return Err(source.error(extinction_color.span(), message, "a product below 3e38"));
+    }
     if albedo.get_ref().iter().any(|a| !(0.0..=1.0).contains(a)) {
         let message = format!("albedo is {:?}", albedo.get_ref());
         return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
@@ -242,6 +254,12 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         grid: density.grid.clone(),
         scale: place(&density.scale, file),
         sigma_t_per_density,
+        // Zero: nothing is there, of whatever colour.
+        tint: if most > 0.0 {
+            Rgb(color.0.map(|c| c / most))
+        } else {
+            Rgb::WHITE
+        },
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
         storage: Storage {
@@ -253,42 +271,6 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         at: spanned.span(),
         placement: check_placement(source, volume)?,
     })
-}
-
-fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
-    let PhaseDesc { kind, g } = phase.get_ref();
-    match (kind, g) {
-        (PhaseKind::Isotropic, None) => Ok(Phase::Isotropic),
-        (PhaseKind::Isotropic, Some(g)) => {
-            let mut error = source.error(g.span(), "an isotropic phase function has no g", "no g");
-            error.help = Some("write type = \"henyey-greenstein\" to scatter by g".to_owned());
-            Err(error)
-        }
-        (PhaseKind::HenyeyGreenstein, None) => {
-            let message = "a henyey-greenstein phase function needs g";
-            Err(source.error(
-                phase.span(),
-                message,
-                "g = the mean cosine, say 0.85 for clouds",
-            ))
-        }
-        (PhaseKind::HenyeyGreenstein, Some(spanned)) => {
-            let g = number(source, "g", spanned)?;
-            #[expect(clippy::cast_possible_truncation, reason = "checked after rounding")]
-            let g = g as f32;
-            // Rounding to f32 may reach 1, where the density has no limit.
-            if g.abs() < 1.0 {
-                Ok(Phase::HenyeyGreenstein { g })
-            } else {
-                let message = format!("g is {}", spanned.get_ref());
-                Err(source.error(
-                    spanned.span(),
-                    message,
-                    "a mean cosine above -1 and below 1",
-                ))
-            }
-        }
-    }
 }
 
 impl Checked {
@@ -439,12 +421,16 @@ impl Checked {
             sigma_t_per_density,
             albedo,
             phase,
+            tint,
             ref at,
             placement,
             ..
         } = *checked;
         let grid = Arc::clone(&loaded.grid);
         let mut medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        if tint != Rgb::WHITE {
+            medium = medium.with_extinction_color(tint);
+        }
         if placement != Placement::UNMOVED {
             medium = medium.moved(placement.map).ok_or_else(|| {
                 let message = "the volume's own transform and this one flatten it";

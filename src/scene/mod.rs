@@ -13,9 +13,11 @@
 
 mod check;
 mod check_light;
+mod check_phase;
 mod check_tracking;
 pub mod default_look;
 pub mod desc;
+mod environment;
 mod error;
 mod framing;
 mod load;
