@@ -144,7 +144,10 @@ fn add_camera_rays(
 ) {
     let met = survey.collisions_per_ray;
     let why = match transport.camera_ray {
-        CameraRay::Auto => format!("auto; rays from inside meet {met:.2} collisions on average"),
+        CameraRay::Auto => format!(
+            "auto; rays from inside meet {met:.2} collisions on average, over an optical depth of {:.2}",
+            survey.optical_depth
+        ),
         _ => "asked for".to_owned(),
     };
     let what = match Kernel::new(transport, Some(survey)) {
