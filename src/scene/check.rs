@@ -18,6 +18,7 @@ use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
 use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
 use crate::integrator::{Levers, TransportSettings};
 use crate::light::Lights;
@@ -29,9 +30,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel: 80 of running statistics in the film, and twice the four half and five
-/// float channels of the image, plain and compressed, while it is written.
-const BYTES_PER_PIXEL: u64 = 80 + 2 * (4 * 2 + 5 * 4);
+/// Bytes for a pixel: sums while it renders, 80 of statistics in the film, and twice the four half
+/// and five float channels of the image, plain and compressed, while it is written.
+pub const BYTES_PER_PIXEL: u64 = Accumulation::BYTES_PER_PIXEL + 80 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volume not yet loaded.
 #[derive(Clone, Debug)]
@@ -177,6 +178,7 @@ fn one_volume<'a>(source: &Source, desc: &'a SceneDesc) -> Check<&'a VolumeDesc>
 fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
     let VolumeDesc {
         file,
+        frame_offset: _,
         density,
         albedo,
         phase,
@@ -252,6 +254,21 @@ fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
 }
 
 impl Checked {
+    /// Returns a text that is the same for two scenes exactly if they load the same volume: file,
+    /// its length and when it was written, grid and storage.
+    pub fn volume_key(&self) -> String {
+        let CheckedVolume {
+            path,
+            grid,
+            storage,
+            ..
+        } = &self.volume;
+        let file = std::fs::metadata(path).ok();
+        let file = file.map(|m| (m.len(), m.modified().ok()));
+        let (path, grid) = (path.display(), grid.get_ref());
+        format!("{path} {file:?} {grid:?} {storage:?}")
+    }
+
     /// Returns the path of the volume file.
     pub fn volume_path(&self) -> &Path {
         &self.volume.path
@@ -385,6 +402,7 @@ mod tests {
 
     #[test]
     fn the_film_is_as_large_as_its_estimate() {
-        assert!(BYTES_PER_PIXEL >= size_of::<crate::film::Pixel>() as u64 + 56);
+        let film = size_of::<crate::film::Pixel>() as u64;
+        assert!(BYTES_PER_PIXEL >= Accumulation::BYTES_PER_PIXEL + film + 56);
     }
 }

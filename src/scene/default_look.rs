@@ -255,6 +255,7 @@ pub fn describe(volume: &LoadedVolume, why: &str, wishes: Wishes) -> Result<Scen
 fn volume_desc(volume: &LoadedVolume, scale: f64, wishes: Wishes) -> VolumeDesc {
     VolumeDesc {
         file: unplaced(volume.path.clone()),
+        frame_offset: 0,
         density: DensityDesc {
             grid: unplaced(volume.name.clone()),
             scale: unplaced(three_digits(scale)),

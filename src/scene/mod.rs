@@ -17,14 +17,19 @@ mod check_tracking;
 pub mod default_look;
 pub mod desc;
 mod error;
+mod files;
 mod framing;
+mod keyframes;
 mod load;
+mod template;
 mod value;
 mod write;
 
-pub use check::{Checked, MAX_RESOLUTION};
+pub use check::{BYTES_PER_PIXEL, Checked, MAX_RESOLUTION};
 pub use error::{DescriptionError, SceneError};
+pub use files::MissingFile;
 pub use load::{LoadOptions, LoadStage, LoadedVolume};
+pub use template::SceneTemplate;
 
 use std::path::Path;
 
@@ -58,7 +63,7 @@ pub struct Scene {
     pub transport: TransportSettings,
 }
 
-/// A scene file's text and what it says, not yet checked.
+/// A scene file's text and what it says at one frame, not yet checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneFile {
     source: Source,
@@ -67,16 +72,12 @@ pub struct SceneFile {
 }
 
 impl SceneFile {
-    /// Reads a scene file.
+    /// Reads a scene file, at the frame that it says.
     ///
     /// # Errors
     /// If it cannot be read, is not TOML, or has unknown, missing or mistyped keys.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        let text = std::fs::read_to_string(path).map_err(|source| SceneError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        Self::parse(path, text)
+        SceneTemplate::read(path)?.at(None)
     }
 
     /// Reads the text of a scene file; `path` is what errors call it and what files are
@@ -93,14 +94,7 @@ impl SceneFile {
     /// assert!(error.to_string().starts_with("a.toml:4:1: unknown field `upp`"));
     /// ```
     pub fn parse(path: &Path, text: String) -> Result<Self, SceneError> {
-        let source = Source {
-            path: path.to_owned(),
-            text,
-        };
-        match toml::from_str(&source.text) {
-            Ok(desc) => Ok(Self { source, desc }),
-            Err(e) => Err(SceneError::Description(Box::new(source.toml_error(&e)))),
-        }
+        SceneTemplate::new(path, text).at(None)
     }
 
     /// Returns the file's text as it was read or chosen.
