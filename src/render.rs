@@ -128,6 +128,9 @@ impl<'a> Frame<'a> {
         let (counts, first_tile_secs) = state
             .tiles_mut()
             .par_iter_mut()
+            // Tiles cost from nothing to a hundred times the mean: left to itself, rayon hands out a
+            // quarter of the image at a time, and a thread ends up waiting for the other.
+            .with_max_len(1)
             .map(|tile| {
                 let counts = self.render_tile(tile, until, cancel);
                 let rays = counts.camera_rays;

@@ -178,17 +178,14 @@ impl Iterator for VoxelWalk<'_, '_> {
         if t0 >= end {
             return None;
         }
-        let axis = smallest(self.exit.to_array());
+        let DVec3 { x, y, z } = self.exit;
+        let (axis, exit) = smallest(x, y, z);
         let up = self.inverse[axis] > 0.0;
         let cell = self.cell;
         let next = cell[axis].saturating_add(if up { 1 } else { -1 });
         let inside = next >= self.segment.first[axis] && next <= self.segment.last[axis];
         // The last cell takes whatever rounding leaves before the segment's end.
-        let t1 = if inside {
-            self.exit[axis].clamp(t0, end)
-        } else {
-            end
-        };
+        let t1 = if inside { exit.clamp(t0, end) } else { end };
         let low = cell.as_dvec3();
         let local = |t: f64| {
             let p = self.origin + self.direction * t - low;

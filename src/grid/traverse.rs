@@ -377,17 +377,19 @@ impl<'a> Traversal<'a> {
                 }
             }
             self.log2 = self.blocks.log2(self.slot);
-            let (bound, exit) = if self.log2 == 0 {
-                (self.lower[self.slot], self.exit)
+            let (bound, (axis, t1)) = if self.log2 == 0 {
+                let [x, y, z] = self.exit;
+                (self.lower[self.slot], smallest(x, y, z))
             } else {
                 let size = 1 << self.log2;
-                let exit = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
-                (self.blocks.bound(self.slot, self.log2), exit)
+                let [x, y, z] = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
+                (self.blocks.bound(self.slot, self.log2), smallest(x, y, z))
             };
-            self.axis = smallest(exit);
+            let t1 = if t1 > t0 { t1 } else { t0 };
+            self.axis = axis;
             self.t0 = t0;
-            self.t1 = exit[self.axis].max(t0);
-            if bound.max > 0.0 && self.t1 > t0 {
+            self.t1 = t1;
+            if bound.max > 0.0 && t1 > t0 {
                 return Some(bound);
             }
         }
@@ -415,9 +417,9 @@ impl<'a> Traversal<'a> {
                 return self.grid.bounds.whole.max > 0.0;
             }
         };
-        let exit = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
-        self.axis = smallest(exit);
-        (self.t0, self.t1) = (self.t1, exit[self.axis].max(self.t1));
+        let (axis, t1) = smallest(self.exit(0, size), self.exit(1, size), self.exit(2, size));
+        self.axis = axis;
+        (self.t0, self.t1) = (self.t1, t1.max(self.t1));
         self.large_bound().max > 0.0 && self.t1 > self.t0
     }
 
@@ -500,15 +502,12 @@ impl Iterator for Traversal<'_> {
     }
 }
 
-/// Returns the axis of the smallest component.
+/// Returns the axis of the smallest component, and that component.
+///
+/// Of three numbers and not of an array: indexing one that was just written, or reading two of its
+/// numbers at once, waits for the writes.
 #[inline] // bench: traversal
-pub(super) fn smallest(v: [f64; 3]) -> usize {
-    let [x, y, z] = v;
-    if x <= y {
-        if x <= z { 0 } else { 2 }
-    } else if y <= z {
-        1
-    } else {
-        2
-    }
+pub(super) fn smallest(x: f64, y: f64, z: f64) -> (usize, f64) {
+    let (axis, xy) = if x <= y { (0, x) } else { (1, y) };
+    if xy <= z { (axis, xy) } else { (2, z) }
 }
