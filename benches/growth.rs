@@ -160,7 +160,7 @@ impl Cloud {
             seed: 0,
             frame: 0,
             camera: camera.expect("a view"),
-            medium: Some(medium),
+            media: vec![medium],
             lights: Lights {
                 distant: vec![sun.expect("a direction")],
                 environment: Rgb([0.3, 0.45, 0.75]),
@@ -237,7 +237,7 @@ struct Frame {
 fn frame(scene: &Scene) -> Frame {
     // Done once more by itself, since it is part of a render.
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
-    let context = Context::new(scene.medium.as_ref(), &scene.lights, scene.transport);
+    let context = Context::new(&scene.media, &scene.lights, scene.transport);
     std::hint::black_box(&context);
     let (start_up_secs, start_up_wall) = (cpu.elapsed().as_secs_f64(), wall.elapsed());
     drop(context);

@@ -46,7 +46,7 @@
 //!     seed: 0,
 //!     frame: 0,
 //!     camera,
-//!     medium: Some(medium),
+//!     media: vec![medium],
 //!     lights: Lights { distant: vec![], environment: Rgb::WHITE },
 //!     transport: Default::default(),
 //! };

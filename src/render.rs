@@ -98,11 +98,10 @@ impl<'a> Frame<'a> {
     /// # Cost
     /// That of the integrator's [`Context`], and of the medium's [`Silhouette`].
     pub fn new(scene: &'a Scene) -> Self {
-        let medium = scene.medium.as_ref();
         Self {
             scene,
-            context: Context::new(medium, &scene.lights, scene.transport),
-            silhouette: Silhouette::new(medium, &scene.camera, scene.width, scene.height),
+            context: Context::new(&scene.media, &scene.lights, scene.transport),
+            silhouette: Silhouette::new(&scene.media, &scene.camera, scene.width, scene.height),
         }
     }
 

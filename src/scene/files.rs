@@ -1,9 +1,11 @@
 //! The files of a frame: numbers in names, and what stands in for files that are not there.
 
+use std::fs::File;
+use std::io::{self, Read as _, Seek as _, SeekFrom};
 use std::path::{Path, PathBuf};
 
-use super::SceneFile;
 use super::desc::VolumeDesc;
+use super::{SceneFile, fnv1a};
 use crate::sequence::Pattern;
 
 /// A volume file of a sequence that is not there.
@@ -53,6 +55,24 @@ impl SceneFile {
         }
         missing
     }
+}
+
+/// Bytes at either end of a file that count for its fingerprint.
+const ENDS: u64 = 1 << 16;
+
+/// Returns a text that differs, but by chance, for files that differ in length or at their ends;
+/// empty if the file cannot be read.
+pub(super) fn fingerprint(path: &Path) -> String {
+    let read = || -> io::Result<String> {
+        let mut file = File::open(path)?;
+        let length = file.metadata()?.len();
+        let mut bytes = Vec::new();
+        file.by_ref().take(ENDS).read_to_end(&mut bytes)?;
+        file.seek(SeekFrom::Start(length.saturating_sub(ENDS)))?;
+        file.take(ENDS).read_to_end(&mut bytes)?;
+        Ok(format!("{length} {:016x}", fnv1a(&bytes)))
+    };
+    read().unwrap_or_default()
 }
 
 /// Returns the name of the frame that stands in for frame `number`.

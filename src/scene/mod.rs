@@ -1,7 +1,7 @@
 //! From a scene file, or a bare volume, to everything a frame needs.
 //!
 //! ```text
-//! scene.toml ── SceneFile::read ──┐                       ┌─ LoadedVolume ◄── .vdb
+//! scene.toml ── SceneFile::read ──┐                       ┌─ LoadedVolumes ◄── .vdb
 //!                                 ├─► check ─► Checked ───┴─► into_scene ─► Scene
 //! bare .vdb ─── default_look ─────┘   (no file touched)
 //! ```
@@ -21,6 +21,7 @@ mod files;
 mod framing;
 mod keyframes;
 mod load;
+mod placement;
 mod template;
 mod value;
 mod write;
@@ -55,8 +56,8 @@ pub struct Scene {
     pub frame: i32,
     /// The camera.
     pub camera: Camera,
-    /// The medium, if there is one.
-    pub medium: Option<Medium>,
+    /// The media: their coefficients add up where they overlap.
+    pub media: Vec<Medium>,
     /// The lights.
     pub lights: Lights,
     /// Light transport.
@@ -113,8 +114,9 @@ impl SceneFile {
     /// Returns a hash of all that decides a pixel's expectation and noise, but not how many
     /// samples: parts of one picture have equal hashes.
     ///
-    /// The volume counts by file name and length, not by its voxels.
-    pub fn hash(&self, volume_path: &Path) -> u64 {
+    /// Volumes count by file name, length, and their first and last 64 KiB: there is the identifier
+    /// that OpenVDB gives to every file anew.
+    pub fn hash<'p>(&self, volume_paths: impl IntoIterator<Item = &'p Path>) -> u64 {
         let mut desc = self.desc.clone();
         desc.render.spp = desc::unplaced(1);
         for volume in &mut desc.volume {
@@ -122,8 +124,9 @@ impl SceneFile {
             let name = volume.file.get_ref().file_name().unwrap_or_default();
             volume.file = desc::unplaced(name.into());
         }
-        let bytes = std::fs::metadata(volume_path).map_or(0, |m| m.len());
-        fnv1a(write::to_toml(&desc, &bytes.to_string()).as_bytes())
+        let files = volume_paths.into_iter().map(files::fingerprint);
+        let files = files.collect::<Vec<_>>().join(" ");
+        fnv1a(write::to_toml(&desc, &files).as_bytes())
     }
 }
 

@@ -107,7 +107,7 @@ impl<'a> Batch<'a> {
             &args.input,
             &ready.outputs.image,
             &ready.scene,
-            &ready.volume,
+            &ready.volumes,
         );
         let loading = match self.begin.take() {
             Some(mut begin) => begin.lap(),

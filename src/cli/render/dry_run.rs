@@ -2,6 +2,7 @@
 //! rendered or written.
 
 use std::fmt::Write as _;
+use std::path::Path;
 
 use majorant::plan::plan;
 
@@ -18,14 +19,15 @@ pub(super) fn run(jobs: &Jobs<'_>, frames: &[Option<i32>]) -> Result<(), Failure
         let described = jobs.describe(frame)?;
         let number = described.frame;
         let state = state(&described, jobs);
-        let (volume, image) = (described.checked.volume_path(), &described.outputs.image);
+        let paths = || described.checked.volume_paths();
+        let volumes: Vec<_> = paths().map(|p| p.display().to_string()).collect();
+        let image = described.outputs.image.display();
         let _ = writeln!(
             text,
-            "frame {number}: {} -> {}: {state}",
-            volume.display(),
-            image.display()
+            "frame {number}: {} -> {image}: {state}",
+            volumes.join(", ")
         );
-        if planned.is_none() && volume.exists() {
+        if planned.is_none() && paths().all(Path::exists) {
             planned = Some(described);
         }
     }
@@ -39,7 +41,7 @@ pub(super) fn run(jobs: &Jobs<'_>, frames: &[Option<i32>]) -> Result<(), Failure
             "memory of frame {}: {mb:.1} MB of {limit:.1} MB",
             ready.scene.frame
         );
-        for line in plan(&ready.scene, &ready.volume) {
+        for line in plan(&ready.scene, &ready.volumes) {
             let _ = writeln!(text, "{line}");
         }
     }
@@ -64,8 +66,8 @@ fn state(described: &Described, jobs: &Jobs<'_>) -> String {
             None => format!("would fail; {path} is missing"),
         };
     }
-    if !described.checked.volume_path().exists() {
-        return "would fail; the volume is missing".to_owned();
+    if let Some(path) = described.checked.volume_paths().find(|path| !path.exists()) {
+        return format!("would fail; {} is missing", path.display());
     }
     let checkpoint = &described.outputs.checkpoint;
     if batch.resume && checkpoint.exists() {

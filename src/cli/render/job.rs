@@ -1,6 +1,6 @@
 //! One frame of a batch, from its number to a scene that is loaded.
 
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use majorant::film::Region;
 use majorant::output::{Identity, SampleRanges, read_identity};
@@ -26,14 +26,9 @@ pub(super) struct Jobs<'a> {
     max_memory_bytes: u64,
     /// Of a bare volume: it was loaded to choose its look, and is the first frame's.
     chosen: Mutex<Option<(LoadedVolume, Stages)>>,
-    /// The volume of the last frame, which the next may share.
-    kept: Mutex<Option<Kept>>,
-}
-
-/// A volume, and all that decides what it is.
-struct Kept {
-    key: String,
-    volume: Arc<LoadedVolume>,
+    /// The volumes of the last frame that was loaded, which the next may share, each with the key
+    /// of all that decides what it is.
+    kept: Mutex<Vec<(String, LoadedVolume)>>,
 }
 
 /// What is to be done for a frame.
@@ -48,7 +43,7 @@ pub(super) enum Job {
 /// A frame that is ready to render.
 pub(super) struct Ready {
     pub(super) scene: Scene,
-    pub(super) volume: Arc<LoadedVolume>,
+    pub(super) volumes: Vec<LoadedVolume>,
     pub(super) outputs: Outputs,
     pub(super) identity: Identity,
     pub(super) region: Region,
@@ -63,7 +58,8 @@ impl Ready {
     /// Returns about how many bytes the frame takes while it renders and is written.
     pub(super) fn memory_bytes(&self) -> u64 {
         let pixels = u64::from(self.region.width()) * u64::from(self.region.height());
-        self.volume.grid.memory_bytes() as u64 + pixels * BYTES_PER_PIXEL
+        let grids = self.volumes.iter().map(|v| v.grid.memory_bytes() as u64);
+        grids.sum::<u64>() + pixels * BYTES_PER_PIXEL
     }
 }
 
@@ -91,7 +87,7 @@ impl<'a> Jobs<'a> {
             targets,
             max_memory_bytes: max,
             chosen: Mutex::new(volume.map(|volume| (volume, stages))),
-            kept: Mutex::new(None),
+            kept: Mutex::default(),
         }
     }
 
@@ -130,7 +126,7 @@ impl<'a> Jobs<'a> {
             frame: file.desc.render.frame,
             identity: Identity {
                 version: env!("CARGO_PKG_VERSION").to_owned(),
-                scene_hash: file.hash(checked.volume_path()),
+                scene_hash: file.hash(checked.volume_paths()),
                 samples: SampleRanges::one(samples).expect("checked to be at least one"),
                 noise_limit: self.args.noise_limit,
             },
@@ -188,12 +184,12 @@ impl<'a> Jobs<'a> {
             sanitize: self.args.sanitize,
         };
         let mut stages = Stages::default();
-        let volume = self.volume(&checked, &options, &mut stages)?;
-        let scene = checked.into_scene(&volume)?;
+        let volumes = self.volumes(&checked, &options, &mut stages)?;
+        let scene = checked.into_scene(&volumes)?;
         stages.end();
         Ok(Ready {
             scene,
-            volume,
+            volumes,
             outputs,
             identity,
             region,
@@ -203,30 +199,24 @@ impl<'a> Jobs<'a> {
         })
     }
 
-    /// Loads a frame's volume, unless it is there.
-    fn volume(
+    /// Loads a frame's volumes, but for those that are there.
+    fn volumes(
         &self,
         checked: &Checked,
         options: &LoadOptions,
         stages: &mut Stages,
-    ) -> Result<Arc<LoadedVolume>, Failure> {
+    ) -> Result<Vec<LoadedVolume>, Failure> {
         if let Some((volume, took)) = locked(&self.chosen).take() {
             *stages = took;
-            return Ok(Arc::new(volume));
+            return Ok(vec![volume]);
         }
-        let key = checked.volume_key();
-        let kept = || locked(&self.kept);
-        if let Some(kept) = kept().as_ref().filter(|kept| kept.key == key) {
-            return Ok(Arc::clone(&kept.volume));
-        }
-        // Before the next one is loaded: both might not fit into memory.
-        *kept() = None;
-        let volume = Arc::new(checked.load_volume(options, &mut |stage| stages.enter(stage))?);
-        *kept() = Some(Kept {
-            key,
-            volume: Arc::clone(&volume),
-        });
-        Ok(volume)
+        let keys: Vec<_> = checked.volume_keys().collect();
+        // What this frame does not need goes before the rest is loaded: all might not fit.
+        let mut kept = std::mem::take(&mut *locked(&self.kept));
+        kept.retain(|(key, _)| keys.contains(key));
+        let volumes = checked.load_new_volumes(options, &kept, &mut |stage| stages.enter(stage))?;
+        *locked(&self.kept) = keys.into_iter().zip(volumes.iter().cloned()).collect();
+        Ok(volumes)
     }
 }
 

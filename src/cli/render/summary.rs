@@ -11,13 +11,12 @@ pub(super) fn explanation(stats: &Stats) -> String {
 }
 
 pub(super) fn report_plan(stats: &Stats) {
-    let grid = &stats.grid;
-    let mb = grid.bytes as f64 / 1e6;
-    tracing::debug!(
-        "{} bricks, {mb:.1} MB in memory, {} threads",
-        grid.bricks,
-        stats.threads
-    );
+    for grid in &stats.grids {
+        let mb = grid.bytes as f64 / 1e6;
+        let (file, bricks) = (&grid.file, grid.bricks);
+        tracing::debug!("{file}: {bricks} bricks, {mb:.1} MB in memory");
+    }
+    tracing::debug!("{} threads", stats.threads);
     for line in &stats.plan {
         tracing::debug!("{line}");
     }
