@@ -341,6 +341,271 @@ fn a_dry_run_says_what_would_be_done_and_does_nothing() {
     assert!(!Path::new(&s.folder.path("a")).exists(), "nothing is made");
 }
 
+/// Four parts of one frame merge to the frame rendered at once, but for the rounding of floats, with
+/// its variance; whatever does not belong together is refused.
+#[test]
+fn parts_merge_to_the_whole() {
+    let s = Sequence::new(40);
+    let part = |range: &str, more: &[&str]| {
+        let out = s.folder.path(&format!("part.{range}.exr"));
+        let base = [
+            "render",
+            &s.scene,
+            "-f",
+            "22",
+            "--samples",
+            range,
+            "-o",
+            &out,
+        ];
+        let run = majorant(&[&base[..], more].concat());
+        assert_eq!(code(&run), 0, "{}", stderr(&run));
+        out
+    };
+    let whole = part("0..40", &[]);
+    let parts = ["8..20", "0..1", "1..8", "20..40"].map(|range| part(range, &[]));
+    let merge = |parts: &[&str], out: &str| {
+        let mut args = vec!["merge", "-o", out];
+        args.extend(parts);
+        majorant(&args)
+    };
+    let names: Vec<&str> = parts.iter().map(String::as_str).collect();
+    let merged = s.folder.path("merged.exr");
+    let run = merge(&names, &merged);
+    assert_eq!(code(&run), 0, "{}", stderr(&run));
+    assert_eq!(attribute(&merged, "majorant/sampleRange"), "0..40");
+    assert_eq!(attribute(&merged, "majorant/spp"), "40");
+    let values = |path: &str| -> Vec<(String, Vec<f32>)> {
+        let channels = pixels(path).into_iter();
+        let floats = |bits: Vec<u32>| bits.into_iter().map(f32::from_bits).collect();
+        channels.map(|(name, bits)| (name, floats(bits))).collect()
+    };
+    let expected = values(&whole);
+    for (name, found) in values(&merged) {
+        let (_, expected) = expected
+            .iter()
+            .find(|(n, _)| *n == name)
+            .expect("the same channels");
+        // Colours are rounded to halves: 2^-11; the rest to floats, some ten times.
+        let tolerance = if "RGBA".contains(name.as_str()) {
+            5e-4
+        } else {
+            2e-6
+        };
+        for (i, (x, e)) in found.iter().zip(expected).enumerate() {
+            let close = x == e || (x - e).abs() <= tolerance * e.abs().max(1e-3);
+            assert!(close, "{name} of pixel {i}: {x}, not {e}");
+        }
+    }
+    // The order of the parts does not matter, and a frame of all samples is complete.
+    let again = s.folder.path("again.exr");
+    let reversed: Vec<&str> = names.iter().rev().copied().collect();
+    assert_eq!(code(&merge(&reversed, &again)), 0);
+    assert_eq!(pixels(&again), pixels(&merged));
+    let args = [
+        "render",
+        &s.scene,
+        "-f",
+        "22",
+        "-o",
+        &merged,
+        "--skip-existing",
+    ];
+    let run = majorant(&args);
+    assert!(
+        stderr(&run).contains("1 complete before"),
+        "{}",
+        stderr(&run)
+    );
+    // Only with all pixels of one scene, and each sample once.
+    let other_scene = part("40..44", &["--seed", "1"]);
+    let other_size = part("44..48", &["-r", "20x18"]);
+    let other_region = part("48..52", &["--crop", "0,0,5,5"]);
+    let overlap = part("39..56", &[]);
+    let finished = s.folder.path("finished.exr");
+    let args = [
+        "render", &s.scene, "-f", "22", "--spp", "2", "-o", &finished,
+    ];
+    assert_eq!(code(&majorant(&args)), 0);
+    for (wrong, says) in [
+        (&other_scene, "of the scene"),
+        // The resolution is a part of the scene.
+        (&other_size, "of the scene"),
+        (&other_region, "of the pixels 0,0 to 5,5"),
+        (&overlap, "samples 39..40 are in both"),
+        (&s.scene, "cannot read the image"),
+    ] {
+        let run = merge(&[&whole, wrong], &s.folder.path("wrong.exr"));
+        assert_eq!(code(&run), 3, "{wrong}");
+        assert!(stderr(&run).contains(says), "{wrong}: {}", stderr(&run));
+    }
+    let run = merge(&[&finished], &s.folder.path("wrong.exr"));
+    assert_eq!(code(&run), 3, "halves are no part: {}", stderr(&run));
+    assert!(
+        !Path::new(&s.folder.path("wrong.exr")).exists(),
+        "nothing is written"
+    );
+    // Frames by number.
+    let parts = s.folder.path("p.####.exr");
+    let args = [
+        "render",
+        &s.scene,
+        "-f",
+        "20-21",
+        "--samples",
+        "0..2",
+        "-o",
+        &parts,
+    ];
+    assert_eq!(code(&majorant(&args)), 0);
+    let out = s.folder.path("out/m.####.exr");
+    let run = majorant(&["merge", &parts, "-f", "20-22", "-o", &out]);
+    assert_eq!(code(&run), 4, "the third is not there: {}", stderr(&run));
+    assert!(
+        stderr(&run).contains("1 of 3 frames failed: 22"),
+        "{}",
+        stderr(&run)
+    );
+    assert_eq!(names_of(&s, "out"), ["m.0020.exr", "m.0021.exr"]);
+}
+
+fn names_of(s: &Sequence, folder: &str) -> Vec<String> {
+    names(&s.folder.path(folder))
+}
+
+/// A noise limit takes as many samples as it needs, the two halves of the pixels each their own
+/// number, and reaches about the error asked for; interrupted, it ends with the same bits.
+#[test]
+fn a_noise_limit_is_reached() {
+    let s = Sequence::new(4_096);
+    let (out, again) = (s.folder.path("a.exr"), s.folder.path("b.exr"));
+    let base = [
+        "render",
+        &s.scene,
+        "-f",
+        "24",
+        "--noise-limit",
+        "0.02",
+        "-j",
+        "1",
+    ];
+    let limit = |out: &str, more: &[&str]| majorant(&[&base[..], &["-o", out], more].concat());
+    let run = limit(&out, &[]);
+    assert_eq!(code(&run), 0, "{}", stderr(&run));
+    let all = pixels(&out);
+    let channel = |name: &str| -> Vec<f32> {
+        let (_, bits) = all.iter().find(|(n, _)| n == name).expect("a channel");
+        bits.iter().map(|&b| f32::from_bits(b)).collect()
+    };
+    let mut counts = channel("sampleCount");
+    counts.sort_by(f32::total_cmp);
+    counts.dedup();
+    // The pilot takes 4096 / 16 samples.
+    assert!((1..=2).contains(&counts.len()), "{counts:?}");
+    assert!(
+        counts[0] >= 256.0 && counts[counts.len() - 1] < 4096.0,
+        "{counts:?}"
+    );
+    let (mut sum, mut n) = (0.0, 0.0);
+    for c in ["R", "G", "B"] {
+        let variance = channel(&format!("variance.{c}"));
+        for (v, x) in variance.iter().zip(channel(c)).filter(|(v, _)| **v > 0.0) {
+            sum += f64::from(v / (x * x + 0.01));
+            n += 1.0;
+        }
+    }
+    // The error of pixels that may see the volume, here those that do.
+    let error = (sum / n).sqrt();
+    assert!((0.01..0.03).contains(&error), "{error}");
+    let mut stops = 0;
+    for _ in 0..100 {
+        let run = limit(&again, &["--resume", "--time-limit", "0.05"]);
+        match code(&run) {
+            75 => stops += 1,
+            _ => break,
+        }
+    }
+    assert!(stops > 0, "never stopped");
+    assert_eq!(pixels(&again), all, "stopped {stops} times");
+}
+
+/// A small file system of its own, where the tests may make one.
+struct SmallDisk(String);
+
+impl SmallDisk {
+    fn new(folder: &Folder, size: &str) -> Option<Self> {
+        let path = folder.path("disk");
+        std::fs::create_dir(&path).expect("made");
+        let options = format!("size={size}");
+        let mut mount = Command::new("mount");
+        mount.args(["-t", "tmpfs", "-o", &options, "tmpfs", &path]);
+        let made = mount.stderr(Stdio::null()).status();
+        made.is_ok_and(|status| status.success())
+            .then(|| Self(path))
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        // Lazily: a failed test may leave files open.
+        let _ = Command::new("umount").args(["-l", &self.0]).status();
+    }
+}
+
+/// A full disk fails the frames that do not fit, says so, and leaves no part of them; when there is
+/// room again, the same command line makes the rest.
+#[test]
+#[expect(clippy::print_stderr, reason = "says why nothing was tested")]
+fn a_full_disk_fails_frames_and_tears_none() {
+    let s = Sequence::new(1);
+    let Some(disk) = SmallDisk::new(&s.folder, "400k") else {
+        eprintln!("skipped: no tmpfs can be mounted here");
+        return;
+    };
+    let filler = format!("{}/filler", disk.0);
+    std::fs::write(&filler, vec![1_u8; 150_000]).expect("room for it");
+    let output = format!("{}/f.####.exr", disk.0);
+    let run = || {
+        let base = [
+            "render",
+            &s.scene,
+            "-f",
+            "20-24",
+            "-r",
+            "110x80",
+            "--skip-existing",
+        ];
+        majorant(&[&base[..], &["-o", &output]].concat())
+    };
+    let full = run();
+    let said = stderr(&full);
+    assert_eq!(code(&full), 4, "{said}");
+    assert!(said.contains("No space left on device"), "{said}");
+    let images: Vec<String> = names(&disk.0)
+        .into_iter()
+        .filter(|n| n != "filler")
+        .collect();
+    assert!(!images.is_empty() && images.len() < 5, "{images:?}");
+    for name in &images {
+        assert!(
+            name.ends_with(".exr") && name.starts_with("f."),
+            "{images:?}"
+        );
+        assert!(
+            !pixels(&format!("{}/{name}", disk.0)).is_empty(),
+            "{name} is whole"
+        );
+    }
+    std::fs::remove_file(&filler).expect("was there");
+    let later = run();
+    let before = images.len();
+    assert!(
+        stderr(&later).contains(&format!("{before} complete before")),
+        "{}",
+        stderr(&later)
+    );
+}
+
 /// Starts the program; what it says goes nowhere.
 fn start(args: &[String]) -> std::process::Child {
     Command::new(assert_cmd::cargo::cargo_bin("majorant"))

@@ -48,6 +48,17 @@ Examples:
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted: results so far are
 written, and --resume goes on.";
 
+const MERGE_EXAMPLES: &str = "\
+Examples:
+  majorant render fire.toml --samples 0..256 -o fire.s0.exr
+  majorant render fire.toml --samples 256..512 -o fire.s1.exr
+  majorant merge fire.s0.exr fire.s1.exr -o fire.exr
+  majorant merge out/fire.####.s0.exr out/fire.####.s1.exr -f 1001-1100 -o out/fire.####.exr
+
+Parts of other scenes, versions or sizes are refused, and samples that two parts have.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 4 some frames failed.";
+
 const CACHE_EXAMPLES: &str = "\
 Examples:
   majorant cache cloud.vdb
@@ -108,6 +119,9 @@ pub(super) enum Command {
     /// Render a scene file, or a bare .vdb with a default look, to OpenEXR
     #[command(after_help = RENDER_EXAMPLES)]
     Render(Box<RenderArgs>),
+    /// Put parts of frames together, from render --samples A..B
+    #[command(after_help = MERGE_EXAMPLES)]
+    Merge(MergeArgs),
     /// Compare estimators by error against run time
     #[command(after_help = CONVERGE_EXAMPLES)]
     Converge(Box<ConvergeArgs>),
@@ -334,6 +348,23 @@ pub(super) struct ConvergeArgs {
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct MergeArgs {
+    /// Parts of one frame; with -f, names with #### for its number
+    #[arg(required = true, value_name = "PART.exr")]
+    pub(super) parts: Vec<PathBuf>,
+    /// Image to write
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(super) output: PathBuf,
+    /// Frames: 1001-1100, 1-100x2 (every 2nd), 1,5,9-20
+    #[arg(short, long, value_name = "RANGE", allow_hyphen_values = true)]
+    pub(super) frames: Option<FrameRange>,
+    /// Frames as Open Job Description's workers get them
+    #[arg(long, hide = true, value_name = "RANGE", allow_hyphen_values = true,
+        conflicts_with = "frames", value_parser = FrameRange::parse_openjd)]
+    pub(super) frames_openjd: Option<FrameRange>,
 }
 
 #[derive(Debug, clap::Args)]

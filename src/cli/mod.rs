@@ -8,6 +8,7 @@ mod converge;
 mod info;
 mod json;
 mod memory;
+mod merge;
 mod probe;
 mod progress;
 mod render;
@@ -94,6 +95,7 @@ pub(crate) fn run() -> ExitCode {
     let result = match &args.command {
         Command::Render(a) => render::run(a),
         Command::Converge(a) => converge::run(a),
+        Command::Merge(a) => merge::run(a),
         Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),

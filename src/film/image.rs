@@ -107,6 +107,18 @@ impl Film {
         &mut self.pixels
     }
 
+    /// Merges other samples of the same pixels into these; `false`, and nothing done, if they are of
+    /// another image or region.
+    pub fn merge(&mut self, other: &Self) -> bool {
+        let is_same = self.full_size == other.full_size && self.region == other.region;
+        if is_same {
+            for (pixel, other) in self.pixels.iter_mut().zip(&other.pixels) {
+                pixel.merge(other);
+            }
+        }
+        is_same
+    }
+
     /// Returns the mean of the image and its standard error, one entry a channel.
     pub fn mean(&self) -> ([f64; 3], [f64; 3]) {
         let n = self.pixels.len() as f64;

@@ -12,6 +12,11 @@ const VERSION: &str = "majorant/version";
 const SCENE_HASH: &str = "majorant/sceneHash";
 const SAMPLE_RANGE: &str = "majorant/sampleRange";
 const NOISE_LIMIT: &str = "majorant/noiseLimit";
+const SAMPLE_COUNT: &str = "majorant/spp";
+const COMMAND_LINE: &str = "majorant/commandLine";
+const RENDER_TIME: &str = "majorant/renderTime";
+const PEAK_MEMORY: &str = "majorant/peakMemory";
+const STATS: &str = "majorant/stats";
 
 /// What decides, with the size, whether two images are one: a frame on disk of the same identity
 /// need not be rendered again.
@@ -44,6 +49,49 @@ impl Identity {
             samples: text(SAMPLE_RANGE)?.parse().ok()?,
             noise_limit,
         })
+    }
+}
+
+/// The attributes of an image on disk.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Origin(LayerAttributes);
+
+impl Origin {
+    pub(super) fn new(attributes: LayerAttributes) -> Self {
+        Self(attributes)
+    }
+
+    /// Returns the wall-clock seconds that the image took, if it says.
+    pub fn render_secs(&self) -> Option<f64> {
+        match self.0.other.get(RENDER_TIME.as_bytes())? {
+            AttributeValue::F64(secs) => Some(*secs),
+            _ => None,
+        }
+    }
+
+    /// Returns the attributes of an image that was put together from this one and others.
+    pub(super) fn merged(
+        &self,
+        samples: &SampleRanges,
+        secs: f64,
+        command: &str,
+    ) -> LayerAttributes {
+        let mut layer = self.0.clone();
+        let mut put = |key: &str, value: AttributeValue| layer.other.insert(text(key), value);
+        put(
+            SAMPLE_RANGE,
+            AttributeValue::Text(text(&samples.to_string())),
+        );
+        let count = samples.count().to_string();
+        put(SAMPLE_COUNT, AttributeValue::Text(text(&count)));
+        put(RENDER_TIME, AttributeValue::F64(secs));
+        put(COMMAND_LINE, AttributeValue::Text(text(command)));
+        // Those of one part say nothing of the whole.
+        for key in [STATS, PEAK_MEMORY] {
+            layer.other.remove(&text(key));
+        }
+        layer.capture_date = Some(text(&capture_date(SystemTime::now())));
+        layer
     }
 }
 
@@ -101,14 +149,14 @@ pub(super) fn attributes(provenance: &Provenance) -> LayerAttributes {
     let text = |s: &str| AttributeValue::Text(text(s));
     let other = [
         (VERSION, text(version)),
-        ("majorant/spp", text(&samples.count().to_string())),
+        (SAMPLE_COUNT, text(&samples.count().to_string())),
         ("majorant/seed", text(&seed.to_string())),
         ("majorant/frame", AttributeValue::I32(*frame)),
         (SAMPLE_RANGE, text(&samples.to_string())),
         (SCENE_HASH, text(&format!("{scene_hash:016x}"))),
-        ("majorant/commandLine", text(command_line)),
-        ("majorant/renderTime", AttributeValue::F64(*render_secs)),
-        ("majorant/stats", text(stats_json)),
+        (COMMAND_LINE, text(command_line)),
+        (RENDER_TIME, AttributeValue::F64(*render_secs)),
+        (STATS, text(stats_json)),
     ];
     let mut layer = LayerAttributes {
         software_name: Some(self::text(&format!("majorant {version}"))),
@@ -125,7 +173,7 @@ pub(super) fn attributes(provenance: &Provenance) -> LayerAttributes {
     }
     if let Some(bytes) = peak_memory_bytes {
         let value = text(&bytes.to_string());
-        layer.other.insert(self::text("majorant/peakMemory"), value);
+        layer.other.insert(self::text(PEAK_MEMORY), value);
     }
     layer
 }

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use exr::meta::attribute::Chromaticities;
 use exr::prelude::{
-    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, IntegerBounds, Layer, SmallVec, Vec2,
-    WritableImage as _, f16,
+    AnyChannel, AnyChannels, Encoding, FlatSamples, Image, IntegerBounds, Layer, LayerAttributes,
+    SmallVec, Vec2, WritableImage as _, f16,
 };
 
-use super::OutputError;
-use super::attributes::{Provenance, attributes};
+use super::attributes::{Origin, Provenance, attributes};
 use super::whole::write_whole;
+use super::{OutputError, SampleRanges};
 use crate::film::{Film, Pixel};
 
 /// How many samples a pixel has.
@@ -24,7 +24,7 @@ pub(super) const DEPTH_WEIGHT: &str = "depthWeight";
 /// # Errors
 /// If the folder cannot be made or the file not be written; no part of it is then left.
 pub fn write_exr(path: &Path, film: &Film, provenance: &Provenance) -> Result<(), OutputError> {
-    write_layer(path, film, provenance, channels(film, Colours::Half))
+    write_layer(path, film, attributes(provenance), Colours::Half)
 }
 
 /// Writes `film` as an EXR whose `R G B A` are float: a part of a frame, which is added to others,
@@ -38,17 +38,34 @@ pub fn write_float_exr(
     film: &Film,
     provenance: &Provenance,
 ) -> Result<(), OutputError> {
-    write_layer(path, film, provenance, channels(film, Colours::Float))
+    write_layer(path, film, attributes(provenance), Colours::Float)
+}
+
+/// Writes `film`, which was put together from `origin` and other parts of a frame, as an EXR like
+/// that of a frame rendered at once; it took `secs` and `command` in all.
+///
+/// # Errors
+/// If the folder cannot be made or the file not be written; no part of it is then left.
+pub fn write_merged_exr(
+    path: &Path,
+    film: &Film,
+    origin: &Origin,
+    samples: &SampleRanges,
+    secs: f64,
+    command: &str,
+) -> Result<(), OutputError> {
+    let attributes = origin.merged(samples, secs, command);
+    write_layer(path, film, attributes, Colours::Half)
 }
 
 fn write_layer(
     path: &Path,
     film: &Film,
-    provenance: &Provenance,
-    channels: AnyChannels<FlatSamples>,
+    mut attributes: LayerAttributes,
+    colours: Colours,
 ) -> Result<(), OutputError> {
     let size = (film.width() as usize, film.height() as usize);
-    let mut attributes = attributes(provenance);
+    let channels = channels(film, colours);
     let corner = film.region().min.map(u32::cast_signed);
     attributes.layer_position = Vec2(corner[0], corner[1]);
     let layer = Layer::new(size, attributes, Encoding::SMALL_LOSSLESS, channels);

@@ -18,8 +18,8 @@ mod whole;
 use std::io;
 use std::path::PathBuf;
 
-pub use attributes::{Identity, Provenance};
-pub use exr::{half_overflow_count, write_exr, write_float_exr};
+pub use attributes::{Identity, Origin, Provenance};
+pub use exr::{half_overflow_count, write_exr, write_float_exr, write_merged_exr};
 pub use png::{srgb_byte, write_png};
 pub use read::{Part, ReadImage, read_exr, read_identity, read_part};
 pub use samples::{SampleRanges, SampleRangesError};

@@ -7,7 +7,7 @@ use exr::prelude::{
 };
 
 use super::OutputError;
-use super::attributes::Identity;
+use super::attributes::{Identity, Origin};
 use super::exr::{DEPTH_WEIGHT, SAMPLE_COUNT};
 use crate::film::{Film, Pixel, Region};
 
@@ -81,6 +81,8 @@ pub struct Part {
     pub identity: Identity,
     /// Its pixels, with means, second moments and counts.
     pub film: Film,
+    /// All that it says of itself.
+    pub origin: Origin,
 }
 
 /// Reads what an image says of itself and where in its frame it lies, after decoding all of it: a
@@ -162,7 +164,12 @@ pub fn read_part(path: &Path) -> Result<Part, OutputError> {
     }
     let film = Film::from_pixels(size, region, pixels)
         .ok_or_else(|| unreadable(path, "its size contradicts itself".to_owned()))?;
-    Ok(Part { identity, film })
+    let origin = Origin::new(stored.layer_data.attributes);
+    Ok(Part {
+        identity,
+        film,
+        origin,
+    })
 }
 
 fn read_stored(path: &Path) -> Result<(Identity, [u32; 2], Region, Stored), OutputError> {

@@ -167,7 +167,8 @@ impl<'a> Batch<'a> {
             }
         }
         let total = self.frames.len();
-        tracing::info!("{total} frames: {}", parts.join(", "));
+        let frames = if total == 1 { "frame" } else { "frames" };
+        tracing::info!("{total} {frames}: {}", parts.join(", "));
         for (frame, reason) in &failed {
             report::error(&format!("frame {frame}: {reason}"));
         }
