@@ -165,7 +165,7 @@ impl Cloud {
             seed: 0,
             frame: 0,
             camera: camera.expect("a view"),
-            medium: Some(medium),
+            media: vec![medium],
             lights: Lights {
                 distant: vec![sun.expect("a direction")],
                 environment: Rgb([0.3, 0.45, 0.75]),
@@ -242,10 +242,9 @@ struct Frame {
 fn frame(scene: &Scene) -> Frame {
     // Done once more by itself, since it is part of a render.
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
-    let medium = scene.medium.as_ref();
     std::hint::black_box((
-        Context::new(medium, &scene.lights, scene.transport),
-        Silhouette::new(medium, &scene.camera, scene.width, scene.height),
+        Context::new(&scene.media, &scene.lights, scene.transport),
+        Silhouette::new(&scene.media, &scene.camera, scene.width, scene.height),
     ));
     let (start_up_secs, start_up_wall) = (cpu.elapsed().as_secs_f64(), wall.elapsed());
     let (wall, cpu) = (Instant::now(), ProcessTime::now());

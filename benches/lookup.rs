@@ -476,7 +476,7 @@ fn bench_places(
 
 fn bench_cloud(c: &mut Criterion<CpuClock>) {
     let scene = assets::scene("cloud");
-    let medium = scene.medium.as_ref().expect("the scene has a medium");
+    let medium = scene.media.first().expect("the scene has a medium");
     let bounds = assets::index_bounds(medium.grid());
     let tree = assets::tree("cloud");
     let dense = Dense::new(&tree, bounds);

@@ -203,7 +203,7 @@ fn count(
 
 fn bench_scene(group: &mut Group<'_>, name: &str, stream: &mut Stream) {
     let scene = assets::scene(name);
-    let medium = scene.medium.as_ref().expect("the scene has a medium");
+    let medium = scene.media.first().expect("the scene has a medium");
     let grid = medium.grid();
     let bounds = assets::index_bounds(grid);
     let (mut crossing, mut missing) = (Vec::new(), Vec::new());

@@ -8,15 +8,17 @@ use std::sync::Arc;
 pub use crate::grid::LOOKUP_COST;
 use crate::grid::{Blocks, Bound, Cells, Columns, DensityGrid, Sampler, Traversal, VoxelWalk};
 use crate::phase::Phase;
-use crate::space::Ray;
+use crate::space::{IndexTransform, Ray};
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use glam::DVec3;
+use glam::{DAffine3, DVec3};
 
 /// A participating medium whose gray extinction follows a density grid.
 #[derive(Clone, Debug)]
 pub struct Medium {
     grid: Arc<DensityGrid>,
+    /// The grid's own, moved to where this medium stands.
+    transform: IndexTransform,
     sigma_t_per_density: f32,
     albedo: Rgb,
     phase: Phase,
@@ -35,13 +37,26 @@ impl Medium {
         albedo: Rgb,
         phase: Phase,
     ) -> Self {
+        let transform = *grid.transform();
+        Self::at(grid, transform, sigma_t_per_density, albedo, phase)
+    }
+
+    /// Makes a medium whose grid's voxels stand where `transform` says, not the grid's own.
+    fn at(
+        grid: Arc<DensityGrid>,
+        transform: IndexTransform,
+        sigma_t_per_density: f32,
+        albedo: Rgb,
+        phase: Phase,
+    ) -> Self {
         #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
-        let voxel_diagonal = grid.transform().voxel_size().length() as f32;
+        let voxel_diagonal = transform.voxel_size().length() as f32;
         #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
-        let voxel = (grid.transform().voxel_size().element_sum() / 3.0) as f32;
+        let voxel = (transform.voxel_size().element_sum() / 3.0) as f32;
         let blocks = Arc::new(grid.blocks(sigma_t_per_density * voxel));
         Self {
             grid,
+            transform,
             sigma_t_per_density,
             albedo,
             phase,
@@ -50,15 +65,54 @@ impl Medium {
         }
     }
 
+    /// Returns this medium moved by `world_from_world`; nothing is copied. `None` if the map
+    /// cannot be inverted.
+    ///
+    /// Extinction stays what it is per world unit: a medium of twice the size is twice as thick.
+    pub fn moved(&self, world_from_world: DAffine3) -> Option<Self> {
+        let world_from_index = world_from_world * self.transform.world_from_index();
+        let transform = IndexTransform::from_world_from_index(world_from_index)?;
+        let Self {
+            sigma_t_per_density,
+            albedo,
+            phase,
+            ..
+        } = *self;
+        let grid = Arc::clone(&self.grid);
+        Some(Self::at(
+            grid,
+            transform,
+            sigma_t_per_density,
+            albedo,
+            phase,
+        ))
+    }
+
     /// Returns a medium of the same grid with other optics; nothing is copied.
     #[must_use]
     pub fn with_optics(&self, sigma_t_per_density: f32, albedo: Rgb, phase: Phase) -> Self {
-        Self::new(Arc::clone(&self.grid), sigma_t_per_density, albedo, phase)
+        let grid = Arc::clone(&self.grid);
+        Self::at(grid, self.transform, sigma_t_per_density, albedo, phase)
     }
 
     /// Returns the grid that the extinction follows.
     pub fn grid(&self) -> &DensityGrid {
         &self.grid
+    }
+
+    /// Returns the map between the index space of the grid and the world.
+    pub fn transform(&self) -> &IndexTransform {
+        &self.transform
+    }
+
+    /// Visits the corners, in world space, of boxes outside of which there is nothing.
+    ///
+    /// # Cost
+    /// See [`DensityGrid::for_each_occupied`].
+    pub fn for_each_occupied(&self, mut visit: impl FnMut([DVec3; 8])) {
+        let to_world = self.transform.world_from_index();
+        self.grid
+            .for_each_occupied(|corners| visit(corners.map(|p| to_world.transform_point3(p))));
     }
 
     /// Returns extinction per unit of density, per world unit.
@@ -83,6 +137,8 @@ impl Medium {
         let scale = f64::from(self.sigma_t_per_density);
         #[expect(clippy::cast_possible_truncation, reason = "a number in [0, 1]")]
         let root_transmittance = |column: f64| (-0.5 * scale * column).exp() as f32;
+        let to_index = self.transform.index_from_world();
+        let direction = to_index.transform_vector3(direction);
         Some(LightColumns {
             columns: Columns::new(&self.grid, direction, root_transmittance)?,
         })
@@ -101,7 +157,7 @@ impl Medium {
 
     /// Returns the mean edge of a voxel in world units.
     pub fn mean_voxel_size(&self) -> f64 {
-        self.grid.transform().voxel_size().element_sum() / 3.0
+        self.transform.voxel_size().element_sum() / 3.0
     }
 
     /// Returns what a ray meets in each brick that is not empty, as segments without length.
@@ -113,7 +169,7 @@ impl Medium {
     /// Returns the world positions of the centres of about `count` bricks, drawn in proportion to
     /// their mean by steps of equal sums. Deterministic; empty for an empty medium.
     pub fn brick_centres(&self, count: usize) -> Vec<DVec3> {
-        let to_world = self.grid.transform().world_from_index();
+        let to_world = self.transform.world_from_index();
         let centres = self.grid.brick_centres(count);
         centres
             .into_iter()
@@ -144,7 +200,7 @@ impl Medium {
     /// As [`ray`](Self::ray), over other segments.
     #[inline] // bench: frame
     pub fn ray_over(&self, ray: &Ray, t_max: f64, segments: Segments) -> MediumRay<'_> {
-        let to_index = self.grid.transform().index_from_world();
+        let to_index = self.transform.index_from_world();
         let origin = to_index.transform_point3(ray.origin);
         let direction = to_index.transform_vector3(ray.direction);
         let cells = match segments {
@@ -218,7 +274,7 @@ pub struct MediumRay<'a> {
     medium: &'a Medium,
 }
 
-impl MediumRay<'_> {
+impl<'a> MediumRay<'a> {
     /// Returns the next segment that is not empty. Segments are ordered and do not overlap.
     #[inline] // bench: frame
     pub fn next_segment(&mut self) -> Option<BoundSegment> {
@@ -230,12 +286,12 @@ impl MediumRay<'_> {
     }
 
     /// Goes on from distance `t` in the current segment, as a new ray from there in another
-    /// `direction`, a unit vector in world space. Cheaper than a new ray.
+    /// `direction`, a unit vector in world space, up to `t_max`. Cheaper than a new ray.
     #[inline] // bench: frame
-    pub fn turn(&mut self, t: f64, direction: DVec3) {
-        let to_index = self.medium.grid.transform().index_from_world();
+    pub fn turn(&mut self, t: f64, direction: DVec3, t_max: f64) {
+        let to_index = self.medium.transform.index_from_world();
         let direction = to_index.transform_vector3(direction);
-        self.traversal.turn(t, direction, f64::INFINITY);
+        self.traversal.turn(t, direction, t_max);
     }
 
     /// Returns the point at distance `t`, in the index space of the medium's grid.
@@ -247,13 +303,13 @@ impl MediumRay<'_> {
 
     /// Returns the point at distance `t`, in world space.
     pub fn world_position(&self, t: f64) -> DVec3 {
-        let to_world = self.medium.grid.transform().world_from_index();
+        let to_world = self.medium.transform.world_from_index();
         to_world.transform_point3(self.index_position(t))
     }
 
     /// Returns the medium.
     #[inline] // bench: frame
-    pub fn medium(&self) -> &Medium {
+    pub fn medium(&self) -> &'a Medium {
         self.medium
     }
 

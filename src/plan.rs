@@ -31,8 +31,8 @@ impl fmt::Display for PlanLine {
     }
 }
 
-/// Lists what rendering `scene`, with `volume` in it, uses and leaves out.
-pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
+/// Lists what rendering `scene`, with `volumes` in it, uses and leaves out.
+pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
     let mut lines = Vec::new();
     let mut add = |what: &str, why: &str| {
         lines.push(PlanLine {
@@ -40,15 +40,9 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
             why: why.to_owned(),
         });
     };
-    if !volume.unused_grids.is_empty() {
-        let names = volume.unused_grids.join(", ");
-        add(
-            &format!("grids not loaded: {names}"),
-            "the scene names none of them",
-        );
-    }
+    add_unused_grids(&mut add, volumes);
     let Scene {
-        medium,
+        media,
         lights,
         transport,
         ..
@@ -57,7 +51,7 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
         IntegratorKind::Path => add("path integrator", "suns are sampled where they can matter"),
         IntegratorKind::Analog => add("analog integrator", "asked for; no light is sampled"),
     }
-    let absorbs = medium.as_ref().is_some_and(|m| absorbs_only(transport, m));
+    let absorbs = !media.is_empty() && absorbs_only(transport, media);
     match (lights.distant.len(), transport.integrator) {
         (0, _) => add("no shadow rays", "the scene has no sun"),
         _ if absorbs => add("no shadow rays", "nothing is scattered towards the camera"),
@@ -70,41 +64,37 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
             add("black image", "the scene has no light at all");
         }
     }
-    if let Some(medium) = medium {
-        add("active masks dropped", "rendering reads values only");
-        let encoding = volume.stored.encoding;
+    add("active masks dropped", "rendering reads values only");
+    match media.len() {
+        1 => add("one medium by itself", "the scene has one volume"),
+        n => add(
+            &format!("{n} media fly to the nearest collision of all"),
+            "volumes add up where they overlap",
+        ),
+    }
+    if absorbs {
+        let estimator = absorbing_tracking(transport.tracking).transmittance;
         add(
-            &format!("values stored as {encoding}"),
-            &volume.stored.explain(medium.sigma_t_per_density()),
+            &format!("camera rays: transmittance alone, by {estimator}"),
+            "the albedo is 0: no collisions, paths, survey of bounds or lattice of light",
         );
-        if absorbs {
-            let estimator = absorbing_tracking(transport.tracking).transmittance;
-            add(
-                &format!("camera rays: transmittance alone, by {estimator}"),
-                "the albedo is 0: no collisions, paths, survey of bounds or lattice of light",
+    } else {
+        let surveys: Vec<Survey> = media.iter().map(Survey::new).collect();
+        if transport.integrator == IntegratorKind::Path {
+            add_camera_rays(&mut add, transport, &surveys);
+        }
+        for (i, (medium, survey)) in media.iter().zip(&surveys).enumerate() {
+            let mut add = named(&mut add, media.len(), i);
+            add_tracking(
+                &mut add,
+                (medium, survey),
+                transport,
+                !lights.distant.is_empty(),
             );
-        } else {
-            add_tracking(&mut add, medium, transport, !lights.distant.is_empty());
         }
-        match medium.phase() {
-            Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
-            Phase::HenyeyGreenstein { g: 0.0 } => {
-                add("Henyey-Greenstein kernel at g = 0", "isotropic by value");
-            }
-            Phase::HenyeyGreenstein { .. } => {
-                add(
-                    "Henyey-Greenstein kernel",
-                    "the phase function has a mean cosine",
-                );
-            }
-        }
-        if medium.albedo().is_black() {
-            add("absorption only", "the albedo is 0");
-        }
-        // Zero: nothing to collide with.
-        if medium.sigma_t_per_density() == 0.0 {
-            add("empty medium", "the density scale is 0");
-        }
+    }
+    for (i, (medium, volume)) in media.iter().zip(volumes).enumerate() {
+        add_medium(&mut named(&mut add, media.len(), i), medium, volume);
     }
     match transport.sampler {
         SamplerKind::Sobol => add(
@@ -136,21 +126,85 @@ pub fn plan(scene: &Scene, volume: &LoadedVolume) -> Vec<PlanLine> {
     lines
 }
 
+/// Lets lines about one of several volumes say which.
+fn named(add: &mut impl FnMut(&str, &str), count: usize, index: usize) -> impl FnMut(&str, &str) {
+    move |what, why| {
+        if count > 1 {
+            add(&format!("volume {}: {what}", index + 1), why);
+        } else {
+            add(what, why);
+        }
+    }
+}
+
+/// Adds the grids that lie in the files and are not used.
+fn add_unused_grids(add: &mut impl FnMut(&str, &str), volumes: &[LoadedVolume]) {
+    let mut names: Vec<&str> = Vec::new();
+    for volume in volumes {
+        let is_used = |name: &str| {
+            let mut used = volumes.iter().filter(|v| v.path == volume.path);
+            used.any(|v| v.name == name)
+        };
+        for name in &volume.unused_grids {
+            if !is_used(name) && !names.contains(&&**name) {
+                names.push(name);
+            }
+        }
+    }
+    if !names.is_empty() {
+        add(
+            &format!("grids not loaded: {}", names.join(", ")),
+            "the scene names none of them",
+        );
+    }
+}
+
+/// Adds what is particular to a medium.
+fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &LoadedVolume) {
+    let encoding = volume.stored.encoding;
+    add(
+        &format!("values stored as {encoding}"),
+        &volume.stored.explain(medium.sigma_t_per_density()),
+    );
+    match medium.phase() {
+        Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
+        Phase::HenyeyGreenstein { g: 0.0 } => {
+            add("Henyey-Greenstein kernel at g = 0", "isotropic by value");
+        }
+        Phase::HenyeyGreenstein { .. } => {
+            add(
+                "Henyey-Greenstein kernel",
+                "the phase function has a mean cosine",
+            );
+        }
+    }
+    if medium.albedo().is_black() {
+        add("absorption only", "the albedo is 0");
+    }
+    // Zero: nothing to collide with.
+    if medium.sigma_t_per_density() == 0.0 {
+        add("empty medium", "the density scale is 0");
+    }
+}
+
 /// Adds how the path integrator finds the collisions of camera rays.
 fn add_camera_rays(
     add: &mut impl FnMut(&str, &str),
     transport: &TransportSettings,
-    survey: &Survey,
+    surveys: &[Survey],
 ) {
-    let met = survey.collisions_per_ray;
-    let why = match transport.camera_ray {
-        CameraRay::Auto => format!(
-            "auto; rays from inside meet {met:.2} collisions on average, over an optical depth of {:.2}",
-            survey.optical_depth
-        ),
+    let why = match (transport.camera_ray, surveys) {
+        (CameraRay::Auto, [one]) => {
+            let met = one.collisions_per_ray;
+            let depth = one.optical_depth;
+            format!(
+                "auto; rays from inside meet {met:.2} collisions on average, over an optical depth of {depth:.2}"
+            )
+        }
+        (CameraRay::Auto, _) => "auto; the scene has several volumes".to_owned(),
         _ => "asked for".to_owned(),
     };
-    let what = match Kernel::new(transport, Some(survey)) {
+    let what = match Kernel::new(transport, surveys) {
         Kernel::Expected => "camera rays scatter and escape, by expectation",
         Kernel::Analog | Kernel::Transmittance => "camera rays scatter or escape, by chance",
     };
@@ -175,19 +229,14 @@ fn add_directions(add: &mut impl FnMut(&str, &str), phase: Phase) {
 /// Adds which estimators track rays, and how often `auto` takes which.
 fn add_tracking(
     add: &mut impl FnMut(&str, &str),
-    medium: &Medium,
+    (medium, survey): (&Medium, &Survey),
     transport: &TransportSettings,
     has_suns: bool,
 ) {
-    let survey = Survey::new(medium);
     let shares = BrickShares::new(medium, &transport.tracking);
     let asked_bounds = transport.tracking.bounds;
-    let tracking = transport.tracking.fitted(&survey);
-    let is_path = transport.integrator == IntegratorKind::Path;
-    if is_path {
-        add_camera_rays(add, transport, &survey);
-    }
-    let shadows = is_path && has_suns;
+    let tracking = transport.tracking.fitted(survey);
+    let shadows = transport.integrator == IntegratorKind::Path && has_suns;
     if shadows {
         add_directions(add, medium.phase());
     }

@@ -1,6 +1,6 @@
-//! Which pixels can see the medium: the others are known without tracing a ray.
+//! Which pixels can see a medium: the others are known without tracing a ray.
 //!
-//! Every box of the grid that is not empty covers, in the image, no more than the rectangle around
+//! Every box of a grid that is not empty covers, in the image, no more than the rectangle around
 //! its eight projected corners; a pixel outside of all rectangles sees past the medium with every
 //! ray. Conservative: that a pixel is covered proves nothing.
 
@@ -16,7 +16,7 @@ const MAX_FILL: u64 = 64;
 /// Width of the border added to a rectangle, in pixels: far above the rounding of `f64`.
 const BORDER: f64 = 1e-3;
 
-/// The pixels that may see the medium.
+/// The pixels that may see a medium.
 #[derive(Clone, Debug)]
 pub struct Silhouette {
     width: usize,
@@ -30,7 +30,7 @@ impl Silhouette {
     ///
     /// # Cost
     /// Eight projections for each box, and at most 64 stores a pixel.
-    pub fn new(medium: Option<&Medium>, camera: &Camera, width: u32, height: u32) -> Self {
+    pub fn new(media: &[Medium], camera: &Camera, width: u32, height: u32) -> Self {
         let size = [width as usize, height as usize];
         let mut all = Self {
             width: size[0],
@@ -38,8 +38,8 @@ impl Silhouette {
             everything: false,
         };
         let mut left = MAX_FILL * all.covered.len() as u64;
-        if let Some(medium) = medium {
-            medium.grid().for_each_occupied(|corners| {
+        for medium in media {
+            medium.for_each_occupied(|corners| {
                 if all.everything {
                     return;
                 }
@@ -61,7 +61,7 @@ impl Silhouette {
         all
     }
 
-    /// Returns whether the pixel in column `x` of row `y` may see the medium.
+    /// Returns whether the pixel in column `x` of row `y` may see a medium.
     pub fn covers(&self, x: u32, y: u32) -> bool {
         self.everything || self.covered[y as usize * self.width + x as usize]
     }

@@ -169,7 +169,7 @@ fn statistics_have_the_keys_that_scripts_rely_on() {
     assert_eq!(stats["spp"], 4);
     assert_eq!(stats["counts"]["bound_violations"], 0);
     assert_eq!(stats["counts"]["clamped_voxels"], 0);
-    assert_eq!(stats["grid"]["name"], "density");
+    assert_eq!(stats["grids"][0]["name"], "density");
     assert!(stats["plan"][0]["what"].is_string(), "{text}");
     if cfg!(target_os = "linux") {
         assert!(

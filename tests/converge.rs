@@ -149,10 +149,10 @@ fn scene(name: &str) -> Scene {
     let mut file = SceneFile::read(&path).expect("the project's scene");
     file.desc.image.resolution = unplaced([32, 18]);
     let checked = file.check(1 << 30).expect("a good scene");
-    let volume = checked
-        .load_volume(&LoadOptions::default(), &mut |_| {})
+    let volumes = checked
+        .load_volumes(&LoadOptions::default(), &mut |_| {})
         .expect("the project's volume");
-    checked.into_scene(&volume).expect("a good scene")
+    checked.into_scene(&volumes).expect("a good scene")
 }
 
 fn ladder(

@@ -24,12 +24,12 @@ fn load(path: &Path) -> Scene {
     let checked = file
         .check(options.max_memory_bytes)
         .expect("a scene of ours is right");
-    let volume = checked
-        .load_volume(&options, &mut |_| {})
-        .expect("its volume loads");
+    let volumes = checked
+        .load_volumes(&options, &mut |_| {})
+        .expect("its volumes load");
     checked
-        .into_scene(&volume)
-        .expect("the scene fits its volume")
+        .into_scene(&volumes)
+        .expect("the scene fits its volumes")
 }
 
 fn run(scene: &Scene) -> Rendered {
@@ -89,9 +89,8 @@ fn real_volumes_are_white_in_the_white_furnace() {
                     spp: 4,
                     ..load(&path)
                 };
-                let medium = scene.medium.expect("a volume");
                 let phase = Phase::HenyeyGreenstein { g };
-                scene.medium = Some(medium.with_optics(scale, Rgb::WHITE, phase));
+                scene.media = vec![scene.media[0].with_optics(scale, Rgb::WHITE, phase)];
                 scene.lights.distant.clear();
                 scene.lights.environment = Rgb::WHITE;
                 scene.transport.integrator = integrator;

@@ -96,12 +96,12 @@ fn scene(grid: &Arc<DensityGrid>, degrees: f64, g: f32, sky: f32) -> Scene {
         seed: 0,
         frame: 0,
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.5, 1.0).expect("a view"),
-        medium: Some(Medium::new(
+        media: vec![Medium::new(
             Arc::clone(grid),
             20.0,
             Rgb([0.99, 0.97, 0.9]),
             Phase::HenyeyGreenstein { g },
-        )),
+        )],
         lights: Lights {
             distant: vec![sun.expect("a sun")],
             environment: Rgb::splat(sky),
@@ -114,9 +114,9 @@ fn load(path: &Path) -> Scene {
     let options = LoadOptions::default();
     let file = SceneFile::read(path).expect("a scene file");
     let checked = file.check(options.max_memory_bytes).expect("a right one");
-    let volume = checked.load_volume(&options, &mut |_| {});
+    let volumes = checked.load_volumes(&options, &mut |_| {});
     checked
-        .into_scene(&volume.expect("its volume loads"))
+        .into_scene(&volumes.expect("its volumes load"))
         .expect("the scene fits its volume")
 }
 

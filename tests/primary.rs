@@ -199,7 +199,7 @@ fn scene(medium: Medium, lights: Lights, camera_ray: CameraRay, sampler: Sampler
         seed: 0,
         frame: 0,
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.7, 1.5).expect("a view"),
-        medium: Some(medium),
+        media: vec![medium],
         lights,
         transport: TransportSettings {
             camera_ray,
@@ -371,7 +371,7 @@ fn pixels_beside_the_medium_see_nothing_of_it() {
             let (width, height) = (60, 40);
             let to = DVec3::new(0.1, 0.2, -0.1);
             let camera = Camera::look_at(eye, to, DVec3::Z, 0.9, 1.5).expect("a view");
-            let silhouette = Silhouette::new(Some(&medium), &camera, width, height);
+            let silhouette = Silhouette::new(std::slice::from_ref(&medium), &camera, width, height);
             let mut stream = Stream::new(StreamKey::default());
             let mut counts = Counts::default();
             let (mut covered, mut hit) = (0, 0);
@@ -416,7 +416,7 @@ fn pixels_beside_the_medium_see_nothing_of_it() {
     }
     let camera = Camera::look_at(DVec3::X, DVec3::ZERO, DVec3::Z, 0.9, 1.5).expect("a view");
     assert!(
-        !Silhouette::new(None, &camera, 4, 4).covers(3, 3),
+        !Silhouette::new(&[], &camera, 4, 4).covers(3, 3),
         "nothing to see"
     );
 }

@@ -134,7 +134,30 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
         ("seed = 0", "seed = 0\nmarch_step = 0.0"),
         // contradictions
         ("seed = 0", "seed = 0\nintegrator = \"analog\""),
-        ("[[volume]]", "[[volume]]\nfile = \"a.vdb\"\n[[volume]]"),
+        (
+            "[[volume]]",
+            "[[volume]]\nfile = \"a.vdb\"\n[[volume]]\nscale = 0",
+        ),
+        ("[[volume]]", "[[volume]]\nscale = [1, inf, 1]"),
+        ("[[volume]]", "[[volume]]\nscale = \"large\""),
+        ("[[volume]]", "[[volume]]\nrotate = [0, 0, nan]"),
+        ("[[volume]]", "[[volume]]\ntranslate = [0, 0, 1e31]"),
+        (
+            "[[volume]]",
+            "[[volume]]\nmatrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [1, 2, 3, 1]]",
+        ),
+        (
+            "[[volume]]",
+            "[[volume]]\nmatrix = [[1, 0, 0, 0], [0, 1, 0, 0], [1, 1, 0, 0], [0, 0, 0, 1]]",
+        ),
+        (
+            "[[volume]]",
+            "[[volume]]\nscale = 2.0\nmatrix = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]",
+        ),
+        (
+            "seed = 0\n",
+            "seed = 0\ncamera_ray = \"expected\"\n[[volume]]\nfile = \"a.vdb\"\n",
+        ),
     ];
     let all: Vec<_> = mistakes
         .iter()

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use majorant::scene::SceneFile;
 use majorant::scene::desc::{
-    CameraDesc, DensityDesc, ImageDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, SceneDesc,
-    VolumeDesc,
+    CameraDesc, DensityDesc, ImageDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, ScaleDesc,
+    SceneDesc, VolumeDesc,
 };
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 use toml::Spanned;
@@ -50,6 +50,7 @@ fn documented(page: &str, key: &str) -> String {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a line for each key")]
 fn documented_defaults_are_those_of_the_code() {
     let page = documentation();
     let SceneDesc {
@@ -82,14 +83,21 @@ fn documented_defaults_are_those_of_the_code() {
     } = parse(MINIMAL).desc;
     let VolumeDesc {
         file: _,
+        frame_offset,
         density: DensityDesc { grid, scale },
         albedo,
         phase,
         encoding,
         storage_error,
+        translate,
+        rotate,
+        scale: size,
+        matrix,
     } = volume[0].get_ref();
     let PhaseDesc { kind, g } = phase.get_ref();
     assert_eq!((*kind, g), (PhaseKind::Isotropic, &None));
+    assert_eq!(*size.get_ref(), ScaleDesc::Uniform(1.0));
+    assert_eq!(*matrix, None);
     let integrator = serde_json::to_string(integrator.get_ref()).expect("an enum");
     let shown = [
         (
@@ -104,6 +112,7 @@ fn documented_defaults_are_those_of_the_code() {
             format!("{:?}", vertical_fov_degrees.get_ref()),
         ),
         ("volume.file", "required".to_owned()),
+        ("volume.frame_offset", frame_offset.to_string()),
         ("volume.density.grid", format!("{:?}", grid.get_ref())),
         ("volume.density.scale", format!("{:?}", scale.get_ref())),
         ("volume.albedo", format!("{:?}", albedo.get_ref())),
@@ -135,6 +144,10 @@ fn documented_defaults_are_those_of_the_code() {
             format!("\"{}\"", encoding.get_ref().name()),
         ),
         ("volume.storage_error", storage_error.get_ref().to_string()),
+        ("volume.translate", format!("{:?}", translate.get_ref())),
+        ("volume.rotate", format!("{:?}", rotate.get_ref())),
+        ("volume.scale", "1.0".to_owned()),
+        ("volume.matrix", "none".to_owned()),
         ("render.march_step", format!("{:?}", march_step.get_ref())),
     ];
     for (key, value) in shown {
@@ -157,9 +170,17 @@ fn written_scenes_read_back_equal() {
     *file.desc.render.march_step.get_mut() = 0.3;
     file.desc.light.clear();
     let volume = file.desc.volume[0].get_mut();
+    volume.frame_offset = -7;
     volume.phase = Spanned::new(0..0, PhaseDesc::default());
     volume.file = Spanned::new(0..0, "a \"b\"\\ß.vdb".into());
     *volume.density.scale.get_mut() = 1e-30;
+    *volume.translate.get_mut() = [1.5, 0.0, -2.0];
+    *volume.rotate.get_mut() = [0.0, 90.0, 0.1];
+    *volume.scale.get_mut() = ScaleDesc::Axes([1.0, -2.0, 3.0]);
+    let mut second = volume.clone();
+    *second.scale.get_mut() = ScaleDesc::Uniform(0.25);
+    second.matrix = Some(Spanned::new(0..0, [[1.0, 0.5, 0.0, 2.0]; 4]));
+    file.desc.volume.push(Spanned::new(0..0, second));
     assert_eq!(parse(&file.to_toml("two\nlines")).desc, file.desc);
 }
 
@@ -170,7 +191,7 @@ fn written_scenes_are_fit_to_edit() {
 
 #[test]
 fn the_hash_covers_the_picture_but_not_the_sample_count() {
-    let hash = |text: &str| parse(text).hash(Path::new("nowhere.vdb"));
+    let hash = |text: &str| parse(text).hash([Path::new("nowhere.vdb")]);
     let text = example();
     let base = hash(&text);
     assert_eq!(

@@ -198,13 +198,13 @@ fn a_cache_file_renders_the_same_bits() {
         let vdb = scenes.join(volume.file.get_ref());
         let render_it = |file: &SceneFile| {
             let checked = file.check(u64::MAX).expect("right");
-            let volume: LoadedVolume = checked
-                .load_volume(&LoadOptions::default(), &mut |_| {})
+            let volumes: Vec<LoadedVolume> = checked
+                .load_volumes(&LoadOptions::default(), &mut |_| {})
                 .expect("loads");
-            let scene = checked.into_scene(&volume).expect("fits");
+            let scene = checked.into_scene(&volumes).expect("fits");
             let rendered = render(&scene, &NoProgress, &AtomicBool::new(false));
             assert_eq!(rendered.counts.bound_violations, 0, "bounds hold");
-            (rendered.film.mean(), volume.stored, rendered.counts)
+            (rendered.film.mean(), volumes[0].stored, rendered.counts)
         };
         let (from_vdb, stored, counts) = render_it(&file);
         let path = folder.path().join("volume.mjc");

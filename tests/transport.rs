@@ -74,7 +74,6 @@ fn slab() -> Arc<DensityGrid> {
 fn scene(medium: Medium, lights: Lights, transport: TransportSettings) -> Scene {
     let eye = DVec3::new(0.5, -4.0, 0.8);
     let camera = Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.7, 1.5).expect("a view");
-    let medium = Some(medium);
     Scene {
         width: 48,
         height: 32,
@@ -82,7 +81,7 @@ fn scene(medium: Medium, lights: Lights, transport: TransportSettings) -> Scene 
         seed: 0,
         frame: 0,
         camera,
-        medium,
+        media: vec![medium],
         lights,
         transport,
     }
@@ -204,7 +203,7 @@ fn single_scattering_in_a_slab_is_the_closed_form() {
         max_bounces: Some(1),
         ..TransportSettings::default()
     };
-    let context = Context::new(Some(&medium), &lights, settings);
+    let context = Context::new(std::slice::from_ref(&medium), &lights, settings);
     for (mu, expected) in [(1.0_f64, 0.0344039), (0.5, 0.0504104)] {
         let direction = DVec3::new((1.0 - mu * mu).sqrt(), 0.0, -mu);
         let origin = DVec3::new(2000.0, 2000.0, 64.0) - direction * 500.0;
@@ -314,7 +313,7 @@ fn weak_paths_are_not_lost() {
             integrator,
             ..TransportSettings::default()
         };
-        let context = Context::new(Some(&medium), &lights, settings);
+        let context = Context::new(std::slice::from_ref(&medium), &lights, settings);
         let origin = DVec3::new(2048.0, 2048.0, 64.0);
         let ray = Ray {
             origin,

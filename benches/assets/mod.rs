@@ -29,11 +29,11 @@ pub(crate) fn scene(name: &str) -> Scene {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("data/scenes/{name}.toml"));
     let file = SceneFile::read(&path).expect("the scene is part of the project");
     let checked = file.check(u64::MAX).expect("the scene is valid");
-    let volume = checked
-        .load_volume(&LoadOptions::default(), &mut |_| {})
+    let volumes = checked
+        .load_volumes(&LoadOptions::default(), &mut |_| {})
         .expect("the volume is part of the project");
     checked
-        .into_scene(&volume)
+        .into_scene(&volumes)
         .expect("the scene fits its volume")
 }
 

@@ -44,7 +44,7 @@ fn main() -> ExitCode {
 
 fn export(scene: &Path, folder: &Path) -> Outcome<()> {
     let scene = load(scene)?;
-    let medium = scene.medium.as_ref().ok_or("the scene has no medium")?;
+    let medium = scene.media.first().ok_or("the scene has no medium")?;
     std::fs::create_dir_all(folder)?;
     write_dense(medium, &folder.join("density.vol"))?;
     write_depth(&scene, medium, &folder.join("depth.f32"))
@@ -53,8 +53,8 @@ fn export(scene: &Path, folder: &Path) -> Outcome<()> {
 fn load(path: &Path) -> Outcome<Scene> {
     let options = LoadOptions::default();
     let checked = SceneFile::read(path)?.check(options.max_memory_bytes)?;
-    let volume = checked.load_volume(&options, &mut |_| {})?;
-    Ok(checked.into_scene(&volume)?)
+    let volumes = checked.load_volumes(&options, &mut |_| {})?;
+    Ok(checked.into_scene(&volumes)?)
 }
 
 /// Writes the stored values of the occupied box.

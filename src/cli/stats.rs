@@ -106,11 +106,8 @@ pub(super) struct GridStats {
 }
 
 impl GridStats {
-    pub(super) fn new(volume: &LoadedVolume, scene: &Scene) -> Self {
-        let sigma_t = scene
-            .medium
-            .as_ref()
-            .map_or(0.0, Medium::sigma_t_per_density);
+    pub(super) fn new(volume: &LoadedVolume, medium: &Medium) -> Self {
+        let sigma_t = medium.sigma_t_per_density();
         let DepthError { rms, worst } = volume.stored.error.scaled(sigma_t);
         Self {
             file: volume.path.display().to_string(),
@@ -142,12 +139,18 @@ pub(super) struct Stats {
     /// Mean of R, G and B over the image, and its standard error.
     pub(super) image_mean: [f64; 3],
     pub(super) image_standard_error: [f64; 3],
-    pub(super) grid: GridStats,
+    /// Of each volume, in the order of the scene.
+    pub(super) grids: Vec<GridStats>,
     pub(super) plan: Vec<PlanLine>,
 }
 
 impl Stats {
-    pub(super) fn new(input: &Path, output: &Path, scene: &Scene, volume: &LoadedVolume) -> Self {
+    pub(super) fn new(
+        input: &Path,
+        output: &Path,
+        scene: &Scene,
+        volumes: &[LoadedVolume],
+    ) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION"),
             input: input.display().to_string(),
@@ -162,14 +165,21 @@ impl Stats {
             peak_memory_bytes: memory::peak_bytes(),
             counts: AllCounts {
                 rays: Counts::default(),
-                clamped_voxels: volume.report.clamped_negative_count,
-                sanitized_voxels: volume.report.sanitized_count,
+                clamped_voxels: volumes
+                    .iter()
+                    .map(|v| v.report.clamped_negative_count)
+                    .sum(),
+                sanitized_voxels: volumes.iter().map(|v| v.report.sanitized_count).sum(),
                 half_clamped_pixels: 0,
             },
             image_mean: [0.0; 3],
             image_standard_error: [0.0; 3],
-            grid: GridStats::new(volume, scene),
-            plan: majorant::plan::plan(scene, volume),
+            grids: volumes
+                .iter()
+                .zip(&scene.media)
+                .map(|(volume, medium)| GridStats::new(volume, medium))
+                .collect(),
+            plan: majorant::plan::plan(scene, volumes),
         }
     }
 }

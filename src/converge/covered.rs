@@ -1,4 +1,4 @@
-//! Which pixels the medium covers: those whose errors count.
+//! Which pixels the media cover: those whose errors count.
 //!
 //! A pixel that sees the sky only is exact with one sample; averaging over many of them would
 //! only say how much sky is in the picture.
@@ -32,17 +32,11 @@ pub fn covered_pixels(scene: &Scene) -> Vec<usize> {
         let ray = scene.camera.ray(centre);
         // Neither is used: the estimate is exact and plays no roulette.
         let (mut stream, mut counts) = (Stream::new(StreamKey::default()), Counts::default());
-        scene.medium.as_ref().is_some_and(|medium| {
-            let t = tracking.estimate_transmittance(
-                medium,
-                &ray,
-                f64::INFINITY,
-                0.0,
-                &mut stream,
-                &mut counts,
-            );
-            t < clear
-        })
+        let end = f64::INFINITY;
+        let through = scene.media.iter().map(|medium| {
+            tracking.estimate_transmittance(medium, &ray, end, 0.0, &mut stream, &mut counts)
+        });
+        through.product::<f32>() < clear
     };
     let columns: Range<u32> = 0..scene.width;
     let pixels = (0..scene.height).flat_map(|y| columns.clone().map(move |x| (x, y)));

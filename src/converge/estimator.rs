@@ -185,10 +185,13 @@ impl Estimator {
         } = self;
         let closed = tracking.distance == DistanceEstimator::ClosedForm
             || tracking.transmittance == TransmittanceEstimator::ClosedForm;
-        let varies = scene.medium.as_ref().is_some_and(|m| !m.is_homogeneous());
+        let varies = scene.media.iter().any(|m| !m.is_homogeneous());
         // `auto` raises a rate by 4 at most.
         let rate = 4.0 * tracking.rate.max(tracking.flight_rate);
-        let largest_rate = scene.medium.as_ref().map_or(0.0, |m| m.majorant() * rate);
+        let largest_rate = scene
+            .media
+            .iter()
+            .fold(0.0, |max: f32, m| max.max(m.majorant() * rate));
         let analog = *integrator == IntegratorKind::Analog;
         let suns = &scene.lights.distant;
         let has_parallel_light = suns.iter().any(|s| s.radiance(s.direction()).is_black());

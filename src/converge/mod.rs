@@ -19,8 +19,8 @@
 //! let mut file = SceneFile::read("data/scenes/tower.toml".as_ref())?;
 //! file.desc.image.resolution = unplaced([8, 14]);
 //! let checked = file.check(1 << 30)?;
-//! let volume = checked.load_volume(&LoadOptions::default(), &mut |_| {})?;
-//! let mut scene = checked.into_scene(&volume)?;
+//! let volumes = checked.load_volumes(&LoadOptions::default(), &mut |_| {})?;
+//! let mut scene = checked.into_scene(&volumes)?;
 //! let covered = covered_pixels(&scene);
 //!
 //! // Two renders each of 1, 2 and 4 samples a pixel; a clock that stands still never ends early.

@@ -193,17 +193,25 @@ impl DensityGrid {
         centres
     }
 
+    /// Returns a box, in index space, outside of which density is zero, tight to 8 voxels;
+    /// `None` if it is zero everywhere.
+    pub fn occupied(&self) -> Option<Aabb> {
+        let (first, last) = self.bounds.occupied?;
+        let scale = f64::from(BRICK_DIM);
+        Some(Aabb {
+            min: first.as_dvec3() * scale,
+            max: (last.as_dvec3() + DVec3::ONE) * scale,
+        })
+    }
+
     /// Returns a box, in world space, outside of which density is zero, tight to 8 voxels;
     /// `None` if it is zero everywhere.
     pub fn world_bounds(&self) -> Option<Aabb> {
-        let (first, last) = self.bounds.occupied?;
-        let scale = f64::from(BRICK_DIM);
-        let index = Aabb {
-            min: first.as_dvec3() * scale,
-            max: (last.as_dvec3() + DVec3::ONE) * scale,
-        };
         let to_world = self.transform.world_from_index();
-        let corners = index.corners().map(|p| to_world.transform_point3(p));
+        let corners = self
+            .occupied()?
+            .corners()
+            .map(|p| to_world.transform_point3(p));
         Some(corners.into_iter().fold(Aabb::EMPTY, Aabb::including))
     }
 

@@ -23,16 +23,12 @@ const MAX_BOXES: usize = 1 << 15;
 const BLOCK: i32 = 4;
 
 impl DensityGrid {
-    /// Visits the corners, in world space, of boxes outside of which density is zero.
+    /// Visits the corners, in index space, of boxes outside of which density is zero.
     ///
     /// # Cost
     /// A look at each cell's bound, and at each value of up to 8,192 bricks that hold zeros.
     pub fn for_each_occupied(&self, mut visit: impl FnMut([DVec3; 8])) {
-        let to_world = self.transform().world_from_index();
-        let mut visit = |min: DVec3, max: DVec3| {
-            let corners = Aabb { min, max }.corners();
-            visit(corners.map(|p| to_world.transform_point3(p)));
-        };
+        let mut visit = |min: DVec3, max: DVec3| visit(Aabb { min, max }.corners());
         let Some((first, last)) = self.bounds.occupied else {
             return;
         };
@@ -182,8 +178,6 @@ mod tests {
                 let max = corners.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
                 boxes.push((min, max));
             });
-            let bricks = grid.brick_count();
-            println!("{bricks} bricks, {} boxes", boxes.len());
             assert!(boxes.len() <= MAX_BOXES, "{} boxes", boxes.len());
             let held = |p: DVec3| {
                 boxes

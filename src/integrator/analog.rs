@@ -8,6 +8,7 @@
 //! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
 //! 50,000, and parallel light by none, which the scene loader refuses.
 
+use super::media::Met;
 use super::{Context, PathSample};
 use crate::sampling::Stream;
 use crate::space::Ray;
@@ -25,7 +26,7 @@ pub(super) fn sample_radiance(
     counts: &mut Counts,
 ) -> PathSample {
     let Context {
-        medium,
+        ref media,
         lights,
         settings,
         ..
@@ -34,13 +35,7 @@ pub(super) fn sample_radiance(
     let mut weight = Rgb::WHITE;
     let mut bounces = 0;
     loop {
-        let hit = medium.and_then(|m| {
-            let t = settings
-                .tracking
-                .sample_collision(m, &ray, f64::INFINITY, stream, counts)?;
-            Some((m, t))
-        });
-        let Some((medium, t)) = hit else {
+        let Some(Met { walk, t, .. }) = media.first_collision(&ray, stream, counts) else {
             return PathSample {
                 radiance: weight * lights.radiance(ray.direction),
                 first_collision,
@@ -48,6 +43,7 @@ pub(super) fn sample_radiance(
             };
         };
         first_collision.get_or_insert((t, 1.0));
+        let medium = walk.medium();
         let albedo = medium.albedo();
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {

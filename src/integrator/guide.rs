@@ -21,10 +21,10 @@
 
 use std::f32::consts::FRAC_1_SQRT_2;
 
-use glam::{DVec3, Vec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 use crate::light::Lights;
-use crate::medium::{LightColumns, Medium};
+use crate::medium::{LightColumns, Medium, MediumRay};
 use crate::phase::Phase;
 use crate::sampling::Stream;
 use crate::space::orthonormal_frame;
@@ -69,30 +69,77 @@ const TURNS: ([f32; 2 * CANDIDATES], [f32; 2 * CANDIDATES]) = {
 #[derive(Debug)]
 pub(super) struct Guide {
     suns: Vec<SunGuide>,
+    is_of_one_medium: bool,
 }
 
 #[derive(Debug)]
 struct SunGuide {
     direction: DVec3,
-    columns: LightColumns,
+    columns: MediaColumns,
     /// Of all the light there is.
     share: f32,
 }
 
+/// What is in the way of a sun.
+#[derive(Debug)]
+enum MediaColumns {
+    /// Positions are in the medium's index space.
+    One(LightColumns),
+    /// Positions are in world space, and multiplied into each medium's.
+    Several(Vec<(DAffine3, LightColumns)>),
+}
+
+impl MediaColumns {
+    /// `None` where there is no medium with any density.
+    fn new(media: &[Medium], sun: DVec3) -> Option<Self> {
+        if let [medium] = media {
+            return medium.light_columns(sun).map(Self::One);
+        }
+        let columns: Vec<_> = media
+            .iter()
+            .filter_map(|m| Some((m.transform().index_from_world(), m.light_columns(sun)?)))
+            .collect();
+        (!columns.is_empty()).then_some(Self::Several(columns))
+    }
+
+    #[inline] // bench: frame
+    fn root_transmittance(&self, p: DVec3) -> f32 {
+        match self {
+            Self::One(columns) => columns.root_transmittance(p),
+            Self::Several(all) => all
+                .iter()
+                .map(|(to_index, columns)| columns.root_transmittance(to_index.transform_point3(p)))
+                .product(),
+        }
+    }
+}
+
 impl Guide {
     /// Prepares the lattices of all suns.
-    pub(super) fn new(medium: &Medium, lights: &Lights) -> Self {
+    pub(super) fn new(media: &[Medium], lights: &Lights) -> Self {
         let total = lights.typical_radiance();
         let suns = lights.distant.iter().filter_map(|sun| {
             Some(SunGuide {
                 direction: sun.direction(),
-                columns: medium.light_columns(sun.direction())?,
+                columns: MediaColumns::new(media, sun.direction())?,
                 // A total of zero has no suns with light in them; nothing is divided then.
                 share: sun.typical_radiance() / total.max(f32::MIN_POSITIVE),
             })
         });
         Self {
             suns: suns.collect(),
+            is_of_one_medium: media.len() == 1,
+        }
+    }
+
+    /// Returns the point at distance `t` of `walk` as the guide wants it: in the index space of the
+    /// medium if there is one, else in world space.
+    #[inline] // bench: frame
+    pub(super) fn position(&self, walk: &MediumRay<'_>, t: f64) -> DVec3 {
+        if self.is_of_one_medium {
+            walk.index_position(t)
+        } else {
+            walk.world_position(t)
         }
     }
 
@@ -101,28 +148,28 @@ impl Guide {
         phase.mean_cosine() >= LEAST_G
     }
 
-    /// Estimates the square root of the transmittance from `p_index`, in index space, to sun
-    /// `index`. The root, since the estimate is coarse and being too pessimistic costs variance.
+    /// Estimates the square root of the transmittance from `p`, a [`position`](Self::position), to
+    /// sun `index`. The root, since the estimate is coarse and being too pessimistic costs variance.
     #[inline] // bench: frame
-    pub(super) fn root_transmittance(&self, index: usize, p_index: DVec3) -> f32 {
+    pub(super) fn root_transmittance(&self, index: usize, p: DVec3) -> f32 {
         self.suns
             .get(index)
-            .map_or(1.0, |s| s.columns.root_transmittance(p_index))
+            .map_or(1.0, |s| s.columns.root_transmittance(p))
     }
 
-    /// Draws a direction of propagation after scattering at `p_index` out of `direction`; returns
+    /// Draws a direction of propagation after scattering at `p` out of `direction`; returns
     /// it with its weight and its importance, 1 or more.
     pub(super) fn sample(
         &self,
         phase: Phase,
-        p_index: DVec3,
+        p: DVec3,
         direction: DVec3,
         stream: &mut Stream,
     ) -> (DVec3, f32, f32) {
         let lobes = self.suns.iter().map(|sun| {
             // Light that arrives after one or two more scatterings comes from a wider cone,
             // and through more. Powers 1/2 and 1/8 of the root: of the transmittance 1/4 and 1/16.
-            let half = sun.columns.root_transmittance(p_index).sqrt();
+            let half = sun.columns.root_transmittance(p).sqrt();
             let eighth = half.sqrt().sqrt();
             (sun.direction, [sun.share * half, sun.share * eighth])
         });
@@ -269,7 +316,7 @@ mod tests {
         for g in [-0.6, 0.4, 0.85, 0.97] {
             let phase = Phase::HenyeyGreenstein { g };
             let medium = Medium::new(Arc::clone(&grid), 1.0, Rgb::WHITE, phase);
-            let guide = Guide::new(&medium, &lights);
+            let guide = Guide::new(&[medium], &lights);
             for direction in [DVec3::Z, suns[0], DVec3::new(0.0, 0.6, -0.8)] {
                 let mut stream = Stream::new(StreamKey::default());
                 let n = 1 << 20;

@@ -1,6 +1,7 @@
 //! Estimators of the radiance along a camera ray.
 //!
 //! * `analog`: plain delta tracking, the short reference.
+//! * `media`: several media in one scene, for both.
 //! * `guide`: importance of points and directions for the latter.
 //! * `primary`: the camera ray of the latter, up to the collision from which it goes on.
 //! * `path`: next-event estimation and roulette, the production choice.
@@ -9,12 +10,14 @@
 
 mod analog;
 mod guide;
+mod media;
 mod path;
 mod primary;
 
 use serde::{Deserialize, Serialize};
 
 use self::guide::Guide;
+use self::media::{Media, Tracked};
 pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
 use crate::light::Lights;
 use crate::medium::Medium;
@@ -115,12 +118,12 @@ pub fn steers(phase: Phase) -> bool {
 /// What a path meets: borrowed from the scene for one frame.
 #[derive(Debug)]
 pub struct Context<'a> {
-    medium: Option<&'a Medium>,
+    media: Media<'a>,
     lights: &'a Lights,
     settings: TransportSettings,
     guide: Option<Guide>,
-    /// Of the path integrator, for the medium.
-    kernel: Option<Kernel>,
+    /// Of the path integrator.
+    kernel: Kernel,
 }
 
 impl<'a> Context<'a> {
@@ -128,31 +131,28 @@ impl<'a> Context<'a> {
     ///
     /// # Cost
     /// The path integrator fills a lattice of up to 2¹⁸ cells for each sun.
-    pub fn new(
-        medium: Option<&'a Medium>,
-        lights: &'a Lights,
-        settings: TransportSettings,
-    ) -> Self {
+    pub fn new(media: &'a [Medium], lights: &'a Lights, settings: TransportSettings) -> Self {
         // Where nothing scatters there is no path to survey for, and no light to find.
-        let scattering = medium.filter(|m| !absorbs_only(&settings, m));
-        let survey = scattering.map(Survey::new);
-        let kernel = medium.map(|_| Kernel::new(&settings, survey.as_ref()));
-        let tracking = match &survey {
-            Some(survey) => settings.tracking.fitted(survey),
-            None => absorbing_tracking(settings.tracking),
+        let scatters = !absorbs_only(&settings, media);
+        let surveys: Vec<Survey> = if scatters {
+            media.iter().map(Survey::new).collect()
+        } else {
+            Vec::new()
         };
-        let settings = TransportSettings {
-            tracking,
-            ..settings
-        };
-        let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
-        let guide = scattering.filter(|_| guided).map(|m| Guide::new(m, lights));
-        Self {
+        let tracked = media.iter().enumerate().map(|(i, medium)| Tracked {
             medium,
+            tracking: match surveys.get(i) {
+                Some(survey) => settings.tracking.fitted(survey),
+                None => absorbing_tracking(settings.tracking),
+            },
+        });
+        let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
+        Self {
+            media: Media::new(tracked.collect()),
             lights,
             settings,
-            guide,
-            kernel,
+            guide: (guided && scatters).then(|| Guide::new(media, lights)),
+            kernel: Kernel::new(&settings, &surveys),
         }
     }
 }

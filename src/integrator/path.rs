@@ -13,6 +13,7 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
+use super::media::{Media, Met, ray_from};
 use super::primary::Kernel;
 use super::{Context, Levers};
 use crate::light::DistantLight;
@@ -20,7 +21,6 @@ use crate::medium::MediumRay;
 use crate::sampling::Stream;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use crate::tracking::Tracking;
 use glam::DVec3;
 
 /// Paths of less weight times importance are raised to it or ended, by their ratio.
@@ -50,22 +50,22 @@ const LEAST_CONTRIBUTION_THIN: f32 = 0.01;
 /// 4.7 (5.7), 4.5 (7.2); two clouds lie between.
 const LEAST_BELIEF: f32 = 0.05;
 
-/// Returns an unbiased sample of the radiance that a collision at `t` of a camera ray's walk
-/// towards `direction` sends along it, times `weight`.
-pub(super) fn scattered_radiance(
-    context: &Context<'_>,
-    (mut walk, mut t): (MediumRay<'_>, f64),
+/// Returns an unbiased sample of the radiance that a collision of a camera ray towards `direction`
+/// sends along it, times `weight`.
+pub(super) fn scattered_radiance<'a>(
+    context: &Context<'a>,
+    met: Met<'a>,
     mut direction: DVec3,
     weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> Rgb {
     let Context {
+        ref media,
         lights,
         settings,
         ref guide,
         kernel,
-        ..
     } = *context;
     let Levers {
         guide: steer,
@@ -79,14 +79,19 @@ pub(super) fn scattered_radiance(
         f32::MIN_POSITIVE
     };
     let least = match kernel {
-        Some(Kernel::Expected) => LEAST_CONTRIBUTION_THIN,
-        _ => LEAST_CONTRIBUTION,
+        Kernel::Expected => LEAST_CONTRIBUTION_THIN,
+        Kernel::Analog | Kernel::Transmittance => LEAST_CONTRIBUTION,
     };
     let least = least * lights.typical_radiance();
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::splat(weight);
     let mut importance = 1.0;
     let mut bounces = 0;
+    let Met {
+        mut index,
+        mut walk,
+        mut t,
+    } = met;
     loop {
         let medium = walk.medium();
         if settings.max_bounces == Some(bounces) {
@@ -105,6 +110,8 @@ pub(super) fn scattered_radiance(
         }
 
         let vertex = Vertex {
+            media,
+            index,
             walk: &walk,
             t,
             direction,
@@ -112,14 +119,14 @@ pub(super) fn scattered_radiance(
         };
         let mut next = None;
         if let Some(guide) = guide {
-            let p = walk.index_position(t);
+            let p = guide.position(&walk, t);
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if light_roulette {
                     guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
-                radiance += vertex.direct_light(&settings.tracking, sun, worth, stream, counts);
+                radiance += vertex.direct_light(sun, worth, stream, counts);
             }
             if steer {
                 let (guided, weight, guided_importance) =
@@ -131,8 +138,18 @@ pub(super) fn scattered_radiance(
         }
         counts.scattered_rays += 1;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
-        walk.turn(t, direction);
-        let further = settings.tracking.next_collision(&mut walk, stream, counts);
+        walk.turn(t, direction, f64::INFINITY);
+        let further = media
+            .tracking(index)
+            .next_collision(&mut walk, stream, counts);
+        if media.are_several() {
+            let ray = ray_from(&walk, 0.0, direction);
+            let t_max = further.unwrap_or(f64::INFINITY);
+            if let Some(nearer) = media.nearer(Some(index), &ray, t_max, stream, counts) {
+                Met { index, walk, t } = nearer;
+                continue;
+            }
+        }
         match further {
             Some(further) => t = further,
             None => return radiance + throughput * lights.environment,
@@ -142,6 +159,9 @@ pub(super) fn scattered_radiance(
 
 /// A scattering event.
 struct Vertex<'w, 'm> {
+    media: &'w Media<'m>,
+    /// Which medium it is in.
+    index: usize,
     /// The walk that met it, at `t`.
     walk: &'w MediumRay<'m>,
     t: f64,
@@ -158,7 +178,6 @@ impl Vertex<'_, '_> {
     /// ray is traced with that probability. On its way, roulette goes on by the same measure.
     fn direct_light(
         &self,
-        tracking: &Tracking,
         sun: &DistantLight,
         worth: f32,
         stream: &mut Stream,
@@ -181,9 +200,39 @@ impl Vertex<'_, '_> {
         let probability = worth.min(1.0);
         counts.shadow_rays += 1;
         let least = worth.recip().min(1.0);
-        let from = (self.walk, self.t);
         let transmittance =
-            tracking.transmittance_from(from, light.direction, least, stream, counts);
+            self.transmittance((light.direction, f64::INFINITY), least, stream, counts);
         unoccluded * (transmittance / probability)
+    }
+
+    /// Estimates the transmittance towards a direction, up to a distance.
+    #[inline] // bench: frame
+    fn transmittance(
+        &self,
+        (direction, t_max): (DVec3, f64),
+        least: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> f32 {
+        let Self {
+            media,
+            index,
+            walk,
+            t,
+            ..
+        } = *self;
+        let through = media.tracking(index).transmittance_from(
+            (walk, t),
+            (direction, t_max),
+            least,
+            stream,
+            counts,
+        );
+        if media.are_several() {
+            let ray = ray_from(walk, t, direction);
+            let weights = (through, least);
+            return media.transmittance(Some(index), (&ray, t_max), weights, stream, counts);
+        }
+        through
     }
 }

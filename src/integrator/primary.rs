@@ -21,6 +21,7 @@
 //!
 //! Where nothing scatters there are no paths, and camera rays are estimates of the transmittance.
 
+use super::media::{Met, Tracked};
 use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, path};
 use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
@@ -62,28 +63,29 @@ pub enum Kernel {
 }
 
 impl Kernel {
-    /// Returns what the settings ask for, or what suits the medium; `survey` is that of a medium
-    /// that scatters, `None` where only transmittances are wanted (see [`absorbs_only`]).
-    pub fn new(settings: &TransportSettings, survey: Option<&Survey>) -> Self {
-        let Some(survey) = survey else {
-            return Self::Transmittance;
-        };
-        match settings.camera_ray {
-            CameraRay::Expected => Self::Expected,
-            CameraRay::Auto if survey.collisions_per_ray.max(survey.optical_depth) < THIN => {
+    /// Returns what the settings ask for, or what suits the media; `surveys` are those of media
+    /// that scatter, none where only transmittances are wanted (see [`absorbs_only`]).
+    ///
+    /// Several media collide by chance: the weight of a collision by expectation would have to be
+    /// multiplied by estimates of what the others let through.
+    pub fn new(settings: &TransportSettings, surveys: &[Survey]) -> Self {
+        match (settings.camera_ray, surveys) {
+            (_, []) => Self::Transmittance,
+            (CameraRay::Expected, [_]) => Self::Expected,
+            (CameraRay::Auto, [one]) if one.collisions_per_ray.max(one.optical_depth) < THIN => {
                 Self::Expected
             }
-            CameraRay::Auto | CameraRay::Analog => Self::Analog,
+            _ => Self::Analog,
         }
     }
 }
 
-/// Returns whether nothing of the light in `medium` is scattered and the settings leave it at that:
+/// Returns whether nothing of the light in `media` is scattered and the settings leave it at that:
 /// camera rays are estimates of the transmittance, and there are no paths.
-pub fn absorbs_only(settings: &TransportSettings, medium: &Medium) -> bool {
+pub fn absorbs_only(settings: &TransportSettings, media: &[Medium]) -> bool {
     settings.integrator == IntegratorKind::Path
         && settings.camera_ray == CameraRay::Auto
-        && medium.albedo().is_black()
+        && media.iter().all(|m| m.albedo().is_black())
 }
 
 /// Returns how transmittances are estimated where they are the image: exactly, unless asked for
@@ -106,65 +108,41 @@ pub(super) fn sample_radiance(
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
-    let Some((medium, kernel)) = context.medium.zip(context.kernel) else {
+    match (context.kernel, context.media.all()) {
+        (Kernel::Analog, _) => analog(context, ray, stream, counts),
+        (Kernel::Expected, [one, ..]) => expected(context, one, ray, stream, counts),
+        (Kernel::Transmittance | Kernel::Expected, _) => {
+            transmittance(context, ray, stream, counts)
+        }
+    }
+}
+
+fn analog(context: &Context<'_>, ray: Ray, stream: &mut Stream, counts: &mut Counts) -> PathSample {
+    let Some(met) = context.media.first_collision(&ray, stream, counts) else {
         return PathSample {
             radiance: context.lights.radiance(ray.direction),
             opacity: 0.0,
             first_collision: None,
         };
     };
-    match kernel {
-        Kernel::Analog => analog(context, medium, ray, stream, counts),
-        Kernel::Expected => expected(context, medium, ray, stream, counts),
-        Kernel::Transmittance => transmittance(context, medium, ray, stream, counts),
-    }
-}
-
-fn analog(
-    context: &Context<'_>,
-    medium: &Medium,
-    ray: Ray,
-    stream: &mut Stream,
-    counts: &mut Counts,
-) -> PathSample {
-    let tracking = &context.settings.tracking;
-    let mut walk = tracking.start_path(medium, &ray);
-    match tracking.next_collision(&mut walk, stream, counts) {
-        None => PathSample {
-            radiance: context.lights.radiance(ray.direction),
-            opacity: 0.0,
-            first_collision: None,
-        },
-        Some(t) => PathSample {
-            radiance: path::scattered_radiance(
-                context,
-                (walk, t),
-                ray.direction,
-                1.0,
-                stream,
-                counts,
-            ),
-            opacity: 1.0,
-            first_collision: Some((t, 1.0)),
-        },
+    let t = met.t;
+    PathSample {
+        radiance: path::scattered_radiance(context, met, ray.direction, 1.0, stream, counts),
+        opacity: 1.0,
+        first_collision: Some((t, 1.0)),
     }
 }
 
 fn expected(
     context: &Context<'_>,
-    medium: &Medium,
+    &Tracked { medium, tracking }: &Tracked<'_>,
     ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
-    let Context {
-        lights, settings, ..
-    } = *context;
+    let lights = context.lights;
     let number = stream.number(Number::Collision);
-    let flight =
-        settings
-            .tracking
-            .expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
+    let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
     let opacity = 1.0 - flight.transmittance;
     let through = lights.radiance(ray.direction) * flight.transmittance;
     let sky = |weight: f32| through + lights.environment * weight;
@@ -182,9 +160,13 @@ fn expected(
             origin: ray.at(t),
             ..ray
         };
-        let walk = (settings.tracking.start_path(medium, &from), 0.0);
+        let met = Met {
+            index: 0,
+            walk: tracking.start_path(medium, &from, f64::INFINITY),
+            t: 0.0,
+        };
         let scattered =
-            path::scattered_radiance(context, walk, ray.direction, weight, stream, counts);
+            path::scattered_radiance(context, met, ray.direction, weight, stream, counts);
         sky(opacity - weight) + scattered
     } else {
         counts.roulette_kills += 1;
@@ -199,18 +181,16 @@ fn expected(
 
 fn transmittance(
     context: &Context<'_>,
-    medium: &Medium,
     ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
-    let tracking = &context.settings.tracking;
-    let end = f64::INFINITY;
-    let transmittance =
-        tracking.estimate_transmittance(medium, &ray, end, LEAST_TRANSMITTANCE, stream, counts);
+    let media = &context.media;
+    let weights = (1.0, LEAST_TRANSMITTANCE);
+    let transmittance = media.transmittance(None, (&ray, f64::INFINITY), weights, stream, counts);
     let first_collision = if stream.uniform() * DEPTH_EVERY < 1.0 {
-        let t = tracking.sample_collision(medium, &ray, end, stream, counts);
-        t.map(|t| (t, 1.0))
+        let met = media.first_collision(&ray, stream, counts);
+        met.map(|met| (met.t, 1.0))
     } else {
         None
     };

@@ -14,12 +14,14 @@ use super::check_tracking::{check_medium, check_tracking};
 use super::desc::{PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
+use super::placement::{Placement, check_placement};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
 use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
-use crate::integrator::{Levers, TransportSettings};
+use crate::integrator::{CameraRay, Levers, TransportSettings};
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -29,11 +31,11 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel: 80 of running statistics in the film, and twice the four half and five
-/// float channels of the image, plain and compressed, while it is written.
-const BYTES_PER_PIXEL: u64 = 80 + 2 * (4 * 2 + 5 * 4);
+/// Bytes for a pixel: sums while it renders, 80 of statistics in the film, and twice the four half
+/// and five float channels of the image, plain and compressed, while it is written.
+pub const BYTES_PER_PIXEL: u64 = Accumulation::BYTES_PER_PIXEL + 80 + 2 * (4 * 2 + 5 * 4);
 
-/// A checked scene, its volume not yet loaded.
+/// A checked scene, its volumes not yet loaded.
 #[derive(Clone, Debug)]
 pub struct Checked {
     source: Source,
@@ -42,7 +44,7 @@ pub struct Checked {
     seed: u64,
     frame: i32,
     camera: Camera,
-    volume: CheckedVolume,
+    volumes: Vec<CheckedVolume>,
     lights: Lights,
     transport: TransportSettings,
     render: RenderDesc,
@@ -59,6 +61,31 @@ struct CheckedVolume {
     phase: Phase,
     storage: Storage,
     encoding: Range<usize>,
+    /// Of the place in the scene file.
+    at: Range<usize>,
+    placement: Placement,
+}
+
+impl CheckedVolume {
+    /// Returns the extinction of a density of one, for each unit of length before the move.
+    fn depth_per_density(&self) -> f32 {
+        #[expect(clippy::cast_possible_truncation, reason = "a scale of errors")]
+        let stretch = self.placement.stretch as f32;
+        self.sigma_t_per_density * stretch
+    }
+
+    fn key(&self) -> String {
+        let file = std::fs::metadata(&self.path).ok();
+        let file = file.map(|m| (m.len(), m.modified().ok()));
+        let (path, grid, storage) = (self.path.display(), self.grid.get_ref(), &self.storage);
+        format!("{path} {file:?} {grid:?} {storage:?}")
+    }
+
+    /// Returns whether this volume has the same grid, kept in the same way.
+    fn shares_grid_with(&self, other: &Self) -> bool {
+        let kept = |v: &Self| (v.storage.kind, v.storage.max_error);
+        self.path == other.path && self.grid == other.grid && kept(self) == kept(other)
+    }
 }
 
 impl SceneFile {
@@ -81,7 +108,7 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
     }
     let seed = *desc.render.seed.get_ref();
     let camera = check_camera(source, desc, resolution)?;
-    let volume = check_volume(source, one_volume(source, desc)?)?;
+    let volumes = check_volumes(source, desc)?;
     let lights = check_lights(source, desc)?;
     Ok(Checked {
         source: source.clone(),
@@ -90,7 +117,7 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
         seed,
         frame: desc.render.frame,
         camera,
-        volume,
+        volumes,
         lights,
         transport: TransportSettings {
             integrator: *desc.render.integrator.get_ref(),
@@ -163,25 +190,45 @@ fn place<T, U>(value: &Spanned<T>, instead: &Spanned<U>) -> Range<usize> {
     }
 }
 
-fn one_volume<'a>(source: &Source, desc: &'a SceneDesc) -> Check<&'a VolumeDesc> {
-    match &desc.volume[..] {
-        [volume] => Ok(volume.get_ref()),
-        [] => Err(source.error(0..0, "the scene has no [[volume]]", "one volume")),
-        [_, second, ..] => {
-            let message = format!("the scene has {} volumes", desc.volume.len());
-            Err(source.error(second.span(), message, "one volume a scene, for now"))
-        }
+fn check_volumes(source: &Source, desc: &SceneDesc) -> Check<Vec<CheckedVolume>> {
+    if desc.volume.is_empty() {
+        let message = "the scene has no [[volume]]";
+        return Err(source.error(0..0, message, "one volume or more"));
     }
+    if let [_, second, ..] = &desc.volume[..]
+        && desc.render.camera_ray == CameraRay::Expected
+    {
+        let message = "a second volume beside camera_ray = \"expected\"";
+        let expected = "camera_ray = \"auto\": several volumes collide by chance";
+        return Err(source.error(second.span(), message, expected));
+    }
+    let volumes = desc.volume.iter();
+    let mut volumes: Vec<_> = volumes
+        .map(|volume| check_volume(source, volume))
+        .collect::<Check<_>>()?;
+    // What is shared is kept for the one that asks the most of it.
+    for i in 0..volumes.len() {
+        let sharing = volumes.iter().filter(|v| v.shares_grid_with(&volumes[i]));
+        let depths = sharing.map(CheckedVolume::depth_per_density);
+        volumes[i].storage.sigma_t_per_density = Some(depths.fold(0.0, f32::max));
+    }
+    Ok(volumes)
 }
 
-fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
+fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<CheckedVolume> {
+    let volume = spanned.get_ref();
     let VolumeDesc {
         file,
+        frame_offset: _,
         density,
         albedo,
         phase,
         encoding,
         storage_error,
+        translate: _,
+        rotate: _,
+        scale: _,
+        matrix: _,
     } = volume;
     let scale = number(source, "scale", &density.scale)?;
     let sigma_t_per_density = non_negative_f32(scale).ok_or_else(|| {
@@ -212,6 +259,8 @@ fn check_volume(source: &Source, volume: &VolumeDesc) -> Check<CheckedVolume> {
             sigma_t_per_density: Some(sigma_t_per_density),
         },
         encoding: encoding.span(),
+        at: spanned.span(),
+        placement: check_placement(source, volume)?,
     })
 }
 
@@ -252,17 +301,67 @@ fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
 }
 
 impl Checked {
-    /// Returns the path of the volume file.
-    pub fn volume_path(&self) -> &Path {
-        &self.volume.path
+    /// Returns a text for each volume that is the same for two scenes exactly if they load the same:
+    /// file, its length and when it was written, grid and storage.
+    pub fn volume_keys(&self) -> impl Iterator<Item = String> {
+        self.volumes.iter().map(CheckedVolume::key)
     }
 
-    /// Reads and decodes the volume; `on_stage` hears where the time goes.
+    /// Returns the paths of the volumes' files.
+    pub fn volume_paths(&self) -> impl Iterator<Item = &Path> {
+        self.volumes.iter().map(|volume| &*volume.path)
+    }
+
+    /// Reads and decodes the volumes, one entry for each; a grid that occurs twice is loaded once.
+    /// `on_stage` hears where the time goes.
     ///
     /// # Errors
-    /// If the file cannot be read, or has no such grid, or one that cannot be rendered.
-    pub fn load_volume(
+    /// If a file cannot be read, or has no such grid, or one that cannot be rendered, or if they
+    /// need too much memory together.
+    pub fn load_volumes(
         &self,
+        options: &LoadOptions,
+        on_stage: &mut dyn FnMut(LoadStage),
+    ) -> Result<Vec<LoadedVolume>, SceneError> {
+        self.load_new_volumes(options, &[], on_stage)
+    }
+
+    /// Does the same, but takes volumes that are in `earlier` under their key (see
+    /// [`Self::volume_keys`]) from there.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn load_new_volumes(
+        &self,
+        options: &LoadOptions,
+        earlier: &[(String, LoadedVolume)],
+        on_stage: &mut dyn FnMut(LoadStage),
+    ) -> Result<Vec<LoadedVolume>, SceneError> {
+        let mut options = *options;
+        let mut loaded: Vec<LoadedVolume> = Vec::with_capacity(self.volumes.len());
+        for volume in &self.volumes {
+            let before = self.volumes[..loaded.len()].iter();
+            let shared = before.clone().position(|v| v.shares_grid_with(volume));
+            let kept = || earlier.iter().find(|(key, _)| *key == volume.key());
+            let grid = match shared {
+                Some(first) => loaded[first].clone(),
+                None => match kept() {
+                    Some((_, kept)) => kept.clone(),
+                    None => self.load_volume(volume, &options, on_stage)?,
+                },
+            };
+            if shared.is_none() {
+                let bytes = grid.grid.resident_bytes() as u64;
+                options.max_memory_bytes = options.max_memory_bytes.saturating_sub(bytes);
+            }
+            loaded.push(grid);
+        }
+        Ok(loaded)
+    }
+
+    fn load_volume(
+        &self,
+        volume: &CheckedVolume,
         options: &LoadOptions,
         on_stage: &mut dyn FnMut(LoadStage),
     ) -> Result<LoadedVolume, SceneError> {
@@ -272,7 +371,7 @@ impl Checked {
             grid,
             storage,
             ..
-        } = &self.volume;
+        } = volume;
         let at = |span: Range<usize>, source: VdbError| {
             let place = DescriptionError {
                 expected: None,
@@ -285,7 +384,7 @@ impl Checked {
         };
         on_stage(LoadStage::Read);
         if is_cache(path) {
-            return self.map_volume(options);
+            return self.map_volume(volume, options);
         }
         let archive = Archive::open(path).map_err(|e| at(file.span(), e))?;
         let index = archive
@@ -298,7 +397,11 @@ impl Checked {
     }
 
     /// Maps the cache file that the volume is in, which must hold what the scene asks for.
-    fn map_volume(&self, options: &LoadOptions) -> Result<LoadedVolume, SceneError> {
+    fn map_volume(
+        &self,
+        checked: &CheckedVolume,
+        options: &LoadOptions,
+    ) -> Result<LoadedVolume, SceneError> {
         let CheckedVolume {
             file,
             path,
@@ -306,7 +409,7 @@ impl Checked {
             storage,
             encoding,
             ..
-        } = &self.volume;
+        } = checked;
         let mut volume = LoadedVolume::map(path, options)?;
         let wrong = |span: Range<usize>, message: String, expected: String| {
             SceneError::Description(self.source.error(span, message, expected))
@@ -333,38 +436,23 @@ impl Checked {
             let expected = format!("\"auto\", or a cache file written with --encoding {asked}");
             return Err(wrong(encoding.clone(), message, expected));
         }
-        if error.scaled(self.volume.sigma_t_per_density).rms > storage.max_error {
+        if error.scaled(checked.depth_per_density()).rms > storage.max_error {
             volume.stored.reason = Reason::CachedOverBudget(storage.max_error);
         }
         Ok(volume)
     }
 
-    /// Puts the loaded volume into the scene.
+    /// Puts the loaded volumes into the scene, one for each that it describes.
     ///
     /// # Errors
-    /// If the extinction is not finite, or the estimators asked for cannot track the volume.
-    pub fn into_scene(self, volume: &LoadedVolume) -> Result<Scene, SceneError> {
-        let CheckedVolume {
-            scale,
-            sigma_t_per_density,
-            albedo,
-            phase,
-            ..
-        } = self.volume;
+    /// If an extinction is not finite, or the estimators asked for cannot track a volume.
+    pub fn into_scene(self, volumes: &[LoadedVolume]) -> Result<Scene, SceneError> {
+        let pairs = self.volumes.iter().zip(volumes);
+        let media: Vec<Medium> = pairs
+            .map(|(checked, loaded)| self.medium(checked, loaded))
+            .collect::<Check<_>>()
+            .map_err(SceneError::Description)?;
         let [width, height] = self.resolution;
-        let grid = Arc::clone(&volume.grid);
-        let medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
-        // Nothing is drawn at a higher rate: `auto` raises it by 2 at most.
-        let tracking = &self.transport.tracking;
-        let rate = 4.0 * tracking.rate.max(tracking.flight_rate);
-        if !(medium.majorant() * rate).is_finite() {
-            let max = medium.grid().bound().max;
-            let message = format!("a density of {max} times {sigma_t_per_density} is too large");
-            let expected = format!("an extinction below {:.0e} per world unit", f32::MAX / rate);
-            let error = self.source.error(scale, message, expected);
-            return Err(SceneError::Description(error));
-        }
-        check_medium(&self.source, &self.render, &medium).map_err(SceneError::Description)?;
         Ok(Scene {
             width,
             height,
@@ -372,10 +460,42 @@ impl Checked {
             seed: self.seed,
             frame: self.frame,
             camera: self.camera,
-            medium: Some(medium),
+            media,
             lights: self.lights,
             transport: self.transport,
         })
+    }
+
+    fn medium(&self, checked: &CheckedVolume, loaded: &LoadedVolume) -> Check<Medium> {
+        let CheckedVolume {
+            ref scale,
+            sigma_t_per_density,
+            albedo,
+            phase,
+            ref at,
+            placement,
+            ..
+        } = *checked;
+        let grid = Arc::clone(&loaded.grid);
+        let mut medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        if placement != Placement::UNMOVED {
+            medium = medium.moved(placement.map).ok_or_else(|| {
+                let message = "the volume's own transform and this one flatten it";
+                self.source
+                    .error(at.clone(), message, "voxels that have a volume")
+            })?;
+        }
+        // Nothing is drawn at a higher rate: `auto` raises it by 2 at most.
+        let tracking = &self.transport.tracking;
+        let rate = 4.0 * tracking.rate.max(tracking.flight_rate);
+        if !(medium.majorant() * rate).is_finite() {
+            let max = medium.grid().bound().max;
+            let message = format!("a density of {max} times {sigma_t_per_density} is too large");
+            let expected = format!("an extinction below {:.0e} per world unit", f32::MAX / rate);
+            return Err(self.source.error(scale.clone(), message, expected));
+        }
+        check_medium(&self.source, &self.render, &medium)?;
+        Ok(medium)
     }
 }
 
@@ -385,6 +505,7 @@ mod tests {
 
     #[test]
     fn the_film_is_as_large_as_its_estimate() {
-        assert!(BYTES_PER_PIXEL >= size_of::<crate::film::Pixel>() as u64 + 56);
+        let film = size_of::<crate::film::Pixel>() as u64;
+        assert!(BYTES_PER_PIXEL >= Accumulation::BYTES_PER_PIXEL + film + 56);
     }
 }

@@ -254,12 +254,10 @@ pub fn describe(volume: &LoadedVolume, why: &str, wishes: Wishes) -> Result<Scen
 
 fn volume_desc(volume: &LoadedVolume, scale: f64, wishes: Wishes) -> VolumeDesc {
     VolumeDesc {
-        file: unplaced(volume.path.clone()),
         density: DensityDesc {
             grid: unplaced(volume.name.clone()),
             scale: unplaced(three_digits(scale)),
         },
-        albedo: VolumeDesc::default_albedo(),
         phase: unplaced(PhaseDesc {
             kind: PhaseKind::HenyeyGreenstein,
             g: Some(unplaced(G)),
@@ -268,7 +266,7 @@ fn volume_desc(volume: &LoadedVolume, scale: f64, wishes: Wishes) -> VolumeDesc 
             Reason::Cached => StorageKind::Auto,
             _ => wishes.storage().kind,
         }),
-        storage_error: VolumeDesc::default_storage_error(),
+        ..VolumeDesc::of(volume.path.clone())
     }
 }
 

@@ -32,7 +32,7 @@ pub struct SceneDesc {
     pub image: ImageDesc,
     /// The camera.
     pub camera: CameraDesc,
-    /// The volumes: for now, exactly one.
+    /// The volumes, at least one: they add up where they overlap.
     #[serde(default)]
     pub volume: Vec<Spanned<VolumeDesc>>,
     /// The lights; none gives a black image.
@@ -89,8 +89,12 @@ impl CameraDesc {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VolumeDesc {
-    /// The `.vdb` or cache file, relative to the scene file.
+    /// The `.vdb` or cache file, relative to the scene file; of a sequence, with the frame's
+    /// number as in `smoke_####.vdb`.
     pub file: Spanned<PathBuf>,
+    /// Added to the frame's number in `file`.
+    #[serde(default)]
+    pub frame_offset: i32,
     /// Which grid is the density, and what a density of one means.
     #[serde(default)]
     pub density: DensityDesc,
@@ -106,10 +110,48 @@ pub struct VolumeDesc {
     /// Of `encoding = "auto"`: largest RMS error in optical depth of any ray.
     #[serde(default = "VolumeDesc::default_storage_error")]
     pub storage_error: Spanned<f64>,
+    /// Where the file's origin is moved to.
+    #[serde(default = "VolumeDesc::default_translate")]
+    pub translate: Spanned<[f64; 3]>,
+    /// Degrees about the world's axes: first x, then y, then z.
+    #[serde(default = "VolumeDesc::default_rotate")]
+    pub rotate: Spanned<[f64; 3]>,
+    /// Size, before the rotation.
+    #[serde(default = "VolumeDesc::default_scale")]
+    pub scale: Spanned<ScaleDesc>,
+    /// In place of the three above: rows of the map from the file's world to the scene's.
+    pub matrix: Option<Spanned<[[f64; 4]; 4]>>,
+}
+
+/// A size of all axes, or of each.
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[serde(untagged, expecting = "a number or three")]
+pub enum ScaleDesc {
+    /// The same for all axes.
+    Uniform(f64),
+    /// One an axis.
+    Axes([f64; 3]),
 }
 
 impl VolumeDesc {
-    pub(super) fn default_albedo() -> Spanned<[f64; 3]> {
+    /// Returns the description of a file of which nothing else is said.
+    pub fn of(file: PathBuf) -> Self {
+        Self {
+            file: unplaced(file),
+            frame_offset: 0,
+            density: DensityDesc::default(),
+            albedo: Self::default_albedo(),
+            phase: Self::default_phase(),
+            encoding: Self::default_encoding(),
+            storage_error: Self::default_storage_error(),
+            translate: Self::default_translate(),
+            rotate: Self::default_rotate(),
+            scale: Self::default_scale(),
+            matrix: None,
+        }
+    }
+
+    fn default_albedo() -> Spanned<[f64; 3]> {
         unplaced([0.99, 0.99, 0.99])
     }
 
@@ -123,6 +165,18 @@ impl VolumeDesc {
 
     pub(super) fn default_storage_error() -> Spanned<f64> {
         unplaced(Storage::DEFAULT_ERROR)
+    }
+
+    pub(super) fn default_translate() -> Spanned<[f64; 3]> {
+        unplaced([0.0; 3])
+    }
+
+    pub(super) fn default_rotate() -> Spanned<[f64; 3]> {
+        unplaced([0.0; 3])
+    }
+
+    pub(super) fn default_scale() -> Spanned<ScaleDesc> {
+        unplaced(ScaleDesc::Uniform(1.0))
     }
 }
 

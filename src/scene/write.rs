@@ -8,7 +8,8 @@ use std::fmt::Write as _;
 use toml::Spanned;
 
 use super::desc::{
-    DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc,
+    DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, ScaleDesc, SceneDesc,
+    VolumeDesc,
 };
 use crate::grid::StorageKind;
 use crate::integrator::IntegratorKind;
@@ -109,15 +110,24 @@ fn push_tracking(out: &mut String, render: &RenderDesc) {
 fn push_volume(out: &mut String, volume: &VolumeDesc) {
     let VolumeDesc {
         file,
+        frame_offset,
         density: DensityDesc { grid, scale },
         albedo,
         phase,
         encoding,
         storage_error,
+        translate,
+        rotate,
+        scale: size,
+        matrix,
     } = volume;
     let file = string(&file.get_ref().to_string_lossy());
     let (grid, scale) = (string(grid.get_ref()), number(*scale.get_ref()));
     push(out, format_args!("\n[[volume]]\nfile = {file}"));
+    // Zero: none.
+    if *frame_offset != 0 {
+        push(out, format_args!("frame_offset = {frame_offset}"));
+    }
     let note = "# sigma_t = scale * density, per world unit";
     push(
         out,
@@ -140,6 +150,23 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
     if storage_error.get_ref() != VolumeDesc::default_storage_error().get_ref() {
         let error = number(*storage_error.get_ref());
         push(out, format_args!("storage_error = {error}"));
+    }
+    if translate != &VolumeDesc::default_translate() {
+        push(out, format_args!("translate = {}", vector(translate)));
+    }
+    if rotate != &VolumeDesc::default_rotate() {
+        push(out, format_args!("rotate = {}", vector(rotate)));
+    }
+    if size != &VolumeDesc::default_scale() {
+        let size = match size.get_ref() {
+            ScaleDesc::Uniform(s) => number(*s),
+            ScaleDesc::Axes(axes) => array(axes),
+        };
+        push(out, format_args!("scale = {size}"));
+    }
+    if let Some(matrix) = matrix {
+        let rows = matrix.get_ref().each_ref().map(|row| array(row));
+        push(out, format_args!("matrix = [{}]", rows.join(", ")));
     }
 }
 
@@ -183,8 +210,12 @@ fn number(x: f64) -> String {
 }
 
 fn vector(v: &Spanned<[f64; 3]>) -> String {
-    let [x, y, z] = v.get_ref().map(number);
-    format!("[{x}, {y}, {z}]")
+    array(v.get_ref())
+}
+
+fn array(numbers: &[f64]) -> String {
+    let numbers: Vec<_> = numbers.iter().copied().map(number).collect();
+    format!("[{}]", numbers.join(", "))
 }
 
 fn string(s: &str) -> String {

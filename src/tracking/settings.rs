@@ -151,10 +151,10 @@ impl Tracking {
         self.next_collision(&mut ray, stream, counts)
     }
 
-    /// Prepares the flights of a path that starts with `ray`.
+    /// Prepares the flights of a path that starts with `ray`, the first of them up to `t_max`.
     #[inline] // bench: frame
-    pub fn start_path<'a>(&self, medium: &'a Medium, ray: &Ray) -> MediumRay<'a> {
-        medium.ray_over(ray, f64::INFINITY, self.flight_segments())
+    pub fn start_path<'a>(&self, medium: &'a Medium, ray: &Ray, t_max: f64) -> MediumRay<'a> {
+        medium.ray_over(ray, t_max, self.flight_segments())
     }
 
     /// As [`sample_collision`](Self::sample_collision), on a walk that
@@ -207,7 +207,7 @@ impl Tracking {
             number,
             rest_from: None,
         };
-        let segments = self.start_path(medium, ray);
+        let segments = self.start_path(medium, ray, f64::INFINITY);
         walk.walk(segments, stream, counts);
         // Zero: no rest is left.
         if let Some(t) = walk.rest_from.filter(|_| walk.weight > 0.0) {
@@ -228,12 +228,13 @@ impl Tracking {
     }
 
     /// As [`estimate_transmittance`](Self::estimate_transmittance), from distance `t` in the
-    /// current segment of a path's walk towards `direction`, a unit vector in world space.
+    /// current segment of a path's walk towards `direction`, a unit vector in world space, up to
+    /// `t_max` from there.
     #[inline] // bench: frame
     pub fn transmittance_from(
         &self,
         (path, t): (&MediumRay<'_>, f64),
-        direction: DVec3,
+        (direction, t_max): (DVec3, f64),
         roulette_weight: f32,
         stream: &mut Stream,
         counts: &mut Counts,
@@ -250,7 +251,6 @@ impl Tracking {
                 origin: path.world_position(t),
                 direction,
             };
-            let t_max = f64::INFINITY;
             return self.estimate_transmittance(
                 medium,
                 &ray,
@@ -261,7 +261,7 @@ impl Tracking {
             );
         }
         let mut ray = path.clone();
-        ray.turn(t, direction);
+        ray.turn(t, direction, t_max);
         self.attenuation()
             .estimate(ray, roulette_weight, stream, counts)
     }

@@ -92,7 +92,7 @@ pub(super) fn scene(volume: &Volume, sigma_t: f32, albedo: Rgb, g: f32, lights: 
         frame: 0,
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.6, 1.5)
             .expect("the camera looks along y"),
-        medium: Some(volume.medium(sigma_t, albedo, phase(g))),
+        media: vec![volume.medium(sigma_t, albedo, phase(g))],
         lights,
         transport: transport(IntegratorKind::Path, None),
     }
@@ -238,7 +238,11 @@ fn convex(rows: &mut Rows, body: Body, g: f32) {
     let scatterings = 4.0 / body.surface() * f64::from(SIGMA_T) * cloud.mass();
     let lights = sky(Rgb::WHITE);
     for (name, integrator) in paths::INTEGRATORS {
-        let context = Context::new(Some(&medium), &lights, transport(integrator, None));
+        let context = Context::new(
+            std::slice::from_ref(&medium),
+            &lights,
+            transport(integrator, None),
+        );
         let measured = measure(rows.seed(), PATHS, |stream, counts| {
             let ray = body.enter(stream);
             let _radiance = context.sample_radiance(ray, stream, counts);
@@ -295,7 +299,13 @@ fn balance(rows: &mut Rows) {
         half_sky(DVec3::Z, Rgb([1.0, 0.0, 0.0])),
         half_sky(DVec3::NEG_Z, Rgb([0.0, 1.0, 0.0])),
     ]);
-    let context = |integrator| Context::new(Some(&medium), &lights, transport(integrator, None));
+    let context = |integrator| {
+        Context::new(
+            std::slice::from_ref(&medium),
+            &lights,
+            transport(integrator, None),
+        )
+    };
     let analog = context(IntegratorKind::Analog);
     let camera = |stream: &mut Stream| Body::Cube(1.25).enter(stream);
     let nature = measure(rows.seed(), 400_000, |stream, counts| {

@@ -85,7 +85,7 @@ pub(super) fn radiance(
     (seed, n): (u64, u64),
     mut camera: impl FnMut(&mut Stream) -> Ray,
 ) -> Measured<3> {
-    let context = Context::new(Some(medium), lights, settings);
+    let context = Context::new(std::slice::from_ref(medium), lights, settings);
     measure(seed, n, |stream, counts| {
         let ray = camera(stream);
         let sample = context.sample_radiance(ray, stream, counts);

@@ -185,7 +185,7 @@ fn absorption(rows: &mut Rows) {
         let expected = area * absorbed.sum::<f64>() / columns.len() as f64;
         let medium = ball.medium(sigma_t, Rgb::BLACK, phase(0.0));
         let lights = sky(Rgb::WHITE);
-        let context = Context::new(Some(&medium), &lights, settings);
+        let context = Context::new(std::slice::from_ref(&medium), &lights, settings);
         let measured = measure(rows.seed(), 400_000, |stream, counts| {
             let ray = beam(stream);
             let sample = context.sample_radiance(ray, stream, counts);

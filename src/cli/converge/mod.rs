@@ -96,11 +96,11 @@ impl<'a> Run<'a> {
         }
         let folder = folder(args);
         let checked = file.check(max_memory_bytes)?;
-        let scene_hash = file.hash(checked.volume_path());
+        let scene_hash = file.hash(checked.volume_paths());
         let mut stages = Stages::default();
-        let volume = checked.load_volume(&options, &mut |stage| stages.enter(stage))?;
+        let volumes = checked.load_volumes(&options, &mut |stage| stages.enter(stage))?;
         stages.end();
-        let scene = checked.into_scene(&volume)?;
+        let scene = checked.into_scene(&volumes)?;
         let estimators =
             parse_list(&args.estimators, &scene).map_err(|e| Failure::Usage(e.to_string()))?;
         check_memory(&scene, estimators.len(), max_memory_bytes)?;

@@ -152,7 +152,7 @@ fn long_paths(rows: &mut Rows, g: f32, sigma_t: f32, n: u64) {
     let medium = cloud.medium(sigma_t, Rgb::WHITE, paths::phase(g));
     let lights = sky(Rgb::WHITE);
     let context = Context::new(
-        Some(&medium),
+        std::slice::from_ref(&medium),
         &lights,
         transport(IntegratorKind::Path, None),
     );

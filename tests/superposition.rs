@@ -1,0 +1,285 @@
+//! Several media in one scene.
+//!
+//! * Two copies of half the density are one of the full: sun, sky, thick and thin.
+//! * Media that differ in everything and overlap, and one nested in another: the path integrator
+//!   against the analog one, and exact camera rays where nothing scatters.
+//! * A medium that is turned, stretched and mirrored is the same as the grid so transformed.
+//! * From a scene file: a file that occurs twice is loaded once, and stands where it should.
+//!
+//! Blocks of 8 × 8 pixels, |z| < 5, and the mean of z² is 1: the smallest bias of the image's mean
+//! that is seen is printed, and below 2 %.
+
+#![allow(clippy::print_stdout, reason = "what a test can see is printed")]
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+
+use glam::{DAffine3, DQuat, DVec3, IVec3};
+use majorant::camera::Camera;
+use majorant::film::Film;
+use majorant::grid::{DensityGrid, Tree};
+use majorant::integrator::{IntegratorKind, TransportSettings};
+use majorant::light::{DistantLight, Lights};
+use majorant::medium::Medium;
+use majorant::phase::Phase;
+use majorant::render::{NoProgress, render};
+use majorant::sampling::SamplerKind;
+use majorant::scene::{LoadOptions, Scene, SceneFile};
+use majorant::space::IndexTransform;
+use majorant::spectrum::Rgb;
+
+fn tree() -> Tree<f32> {
+    let mut voxels = Vec::new();
+    for i in 0..40 * 40 * 40 {
+        let p = IVec3::new(i / 1600, i / 40 % 40, i % 40) - 20;
+        let q = p.as_vec3();
+        let lumps = (q.x * 0.5).sin() * (q.y * 0.4).cos() + (q.z * 0.6).sin();
+        let density = 1.0 - q.length() / 17.0 + 0.4 * lumps;
+        if density > 0.0 {
+            voxels.push((p, density));
+        }
+    }
+    Tree::from_voxels(0.0, voxels)
+}
+
+fn grid() -> Arc<DensityGrid> {
+    let transform = IndexTransform::uniform(0.06);
+    Arc::new(DensityGrid::new(tree(), transform, usize::MAX).expect("no limit was set"))
+}
+
+fn scene(media: Vec<Medium>, lights: &Lights, integrator: IntegratorKind) -> Scene {
+    let eye = DVec3::new(0.5, -4.5, 0.8);
+    Scene {
+        width: 48,
+        height: 32,
+        spp: 256,
+        seed: 0,
+        frame: 0,
+        camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.7, 1.5).expect("a view"),
+        media,
+        lights: lights.clone(),
+        transport: TransportSettings {
+            integrator,
+            // Its variance is that of the noise.
+            sampler: SamplerKind::Independent,
+            ..TransportSettings::default()
+        },
+    }
+}
+
+fn film(mut scene: Scene, seed: u64) -> Film {
+    scene.seed = seed;
+    let rendered = render(&scene, &NoProgress, &AtomicBool::new(false));
+    assert_eq!(rendered.counts.bound_violations, 0, "bounds hold");
+    assert_eq!(rendered.counts.non_finite_samples, 0, "samples are finite");
+    rendered.film
+}
+
+fn lights(diameter: f64) -> Lights {
+    let towards = DVec3::new(0.5, -0.5, 0.7);
+    Lights {
+        distant: vec![DistantLight::new(towards, Rgb([3.0, 2.5, 2.0]), diameter).expect("a sun")],
+        environment: Rgb([0.2, 0.3, 0.5]),
+    }
+}
+
+/// Compares two images block by block and as a whole.
+fn agree(what: &str, a: &Film, b: &Film) {
+    let (width, size) = (a.width() as usize, a.pixels().len());
+    let (mut squares, mut count) = (0.0, 0.0);
+    let (mut difference, mut variance, mut mean) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    for block in 0..size / 64 {
+        let corner = block % (width / 8) * 8 + block / (width / 8) * 8 * width;
+        for c in 0..3 {
+            let (mut d, mut v) = (0.0, 0.0);
+            for i in 0..64 {
+                let at = corner + i % 8 + i / 8 * width;
+                let (p, q) = (&a.pixels()[at], &b.pixels()[at]);
+                d += p.mean[c] - q.mean[c];
+                v += p.variance_of_mean()[c] + q.variance_of_mean()[c];
+                mean[c] += q.mean[c];
+            }
+            difference[c] += d;
+            variance[c] += v;
+            if v > 0.0 {
+                assert!(
+                    d * d < 25.0 * v,
+                    "{what}, block {block}, channel {c}: {d} ± {}",
+                    v.sqrt()
+                );
+                squares += d * d / v;
+                count += 1.0;
+            } else {
+                assert!(d.abs() < 1e-6, "{what}, block {block}: {d} without noise");
+            }
+        }
+    }
+    for c in 0..3 {
+        let error = variance[c].sqrt();
+        let power = 5.0 * error / mean[c];
+        let z = difference[c] / error.max(1e-30);
+        println!("{what}, channel {c}: z {z:+.2}, smallest bias seen {power:.1e}");
+        assert!(
+            difference[c].abs() < 5.0 * error + 1e-6,
+            "{what}: channel {c} is off, z {z}"
+        );
+        assert!(power < 0.02, "{what}: a bias of 2 % would be missed");
+    }
+    // Channels go together: as if a third of them were independent, 5 standard deviations.
+    let spread = 5.0 * (2.0 / (count / 3.0_f64)).sqrt();
+    let mean_square = squares / count;
+    assert!(
+        mean_square < 1.0 + spread,
+        "{what}: mean of z² {mean_square} over {count} blocks"
+    );
+}
+
+#[test]
+fn two_halves_are_a_whole() {
+    let grid = grid();
+    let phase = Phase::HenyeyGreenstein { g: 0.6 };
+    for (sigma_t, albedo) in [
+        (1.0, Rgb::splat(0.9)),
+        (12.0, Rgb([0.95, 0.8, 0.4])),
+        (3.0, Rgb::BLACK),
+    ] {
+        let medium = |part: f32| Medium::new(Arc::clone(&grid), part * sigma_t, albedo, phase);
+        for kind in [IntegratorKind::Path, IntegratorKind::Analog] {
+            // A disk wide enough for analog paths.
+            let lights = lights(if kind == IntegratorKind::Path {
+                0.0
+            } else {
+                2.2
+            });
+            let one = film(scene(vec![medium(1.0)], &lights, kind), 1);
+            let two = film(scene(vec![medium(0.5), medium(0.5)], &lights, kind), 2);
+            agree(&format!("halves of {sigma_t}, {kind:?}"), &two, &one);
+            let three = vec![medium(0.25), medium(0.0), medium(0.75)];
+            let three = film(scene(three, &lights, kind), 3);
+            agree(
+                &format!("a quarter, nothing and the rest of {sigma_t}, {kind:?}"),
+                &three,
+                &one,
+            );
+        }
+    }
+}
+
+/// A ball of constant density and `radius` voxels.
+fn ball(radius: i32) -> Arc<DensityGrid> {
+    let n = 2 * radius + 1;
+    let at = |i: i32| IVec3::new(i / (n * n), i / n % n, i % n) - radius;
+    let inside = (0..n * n * n)
+        .map(at)
+        .filter(|p| p.length_squared() <= radius * radius);
+    let tree = Tree::from_voxels(0.0, inside.map(|p| (p, 1.0)));
+    let transform = IndexTransform::uniform(0.05);
+    Arc::new(DensityGrid::new(tree, transform, usize::MAX).expect("no limit was set"))
+}
+
+#[test]
+fn different_media_across_and_inside_each_other() {
+    let lights = lights(2.2);
+    let forward = Phase::HenyeyGreenstein { g: 0.7 };
+    let backward = Phase::HenyeyGreenstein { g: -0.5 };
+    let cloud = Medium::new(grid(), 8.0, Rgb([0.98, 0.9, 0.7]), forward);
+    let moved = DAffine3::from_translation(DVec3::new(0.4, -0.3, 0.2));
+    let soot = Medium::new(ball(10), 3.0, Rgb([0.2, 0.3, 0.5]), backward);
+    let soot = soot.moved(moved).expect("a shift");
+    let nested = Medium::new(ball(6), 20.0, Rgb([0.9, 0.2, 0.1]), Phase::Isotropic);
+    for (name, media) in [
+        ("across", vec![cloud.clone(), soot.clone()]),
+        ("nested", vec![cloud.clone(), nested.clone()]),
+        ("three", vec![nested, soot, cloud]),
+    ] {
+        let mut analog = scene(media.clone(), &lights, IntegratorKind::Analog);
+        analog.spp = 1024;
+        let a = film(analog, 1);
+        let b = film(scene(media, &lights, IntegratorKind::Path), 2);
+        agree(name, &b, &a);
+    }
+}
+
+#[test]
+fn a_moved_medium_is_its_grid_moved() {
+    let map = DAffine3::from_scale_rotation_translation(
+        DVec3::new(0.7, -1.2, 0.9),
+        DQuat::from_rotation_z(0.4) * DQuat::from_rotation_x(1.1),
+        DVec3::new(0.1, 0.2, -0.1),
+    );
+    let transform = map * DAffine3::from_scale(DVec3::splat(0.06));
+    let transform = IndexTransform::from_world_from_index(transform).expect("a map");
+    let transformed = DensityGrid::new(tree(), transform, usize::MAX).expect("no limit was set");
+    let optics = |grid| {
+        Medium::new(
+            grid,
+            6.0,
+            Rgb::splat(0.9),
+            Phase::HenyeyGreenstein { g: 0.5 },
+        )
+    };
+    let moved = optics(grid()).moved(map).expect("it can be inverted");
+    let lights = lights(0.0);
+    let a = film(scene(vec![moved], &lights, IntegratorKind::Path), 1);
+    let b = film(
+        scene(
+            vec![optics(Arc::new(transformed))],
+            &lights,
+            IntegratorKind::Path,
+        ),
+        1,
+    );
+    // The same numbers but for the rounding of products of maps: the same seed follows the same
+    // paths until a rounding falls the other way.
+    agree("moved", &a, &b);
+    let same = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| {
+        (0..3).all(|c| (p.mean[c] - q.mean[c]).abs() <= 1e-4 * (p.mean[c] + 1e-3))
+    });
+    let share = same.count() as f64 / a.pixels().len() as f64;
+    assert!(
+        share > 0.5,
+        "{share} of the pixels are the same but for rounding"
+    );
+}
+
+#[test]
+fn a_file_that_occurs_twice_is_loaded_once() {
+    let text = "[camera]\nposition = [1, -7, 1.5]\nlook_at = [1, 1, 1.5]\n\
+                [[volume]]\nfile = \"tower.vdb\"\n\
+                [[volume]]\nfile = \"tower.vdb\"\ntranslate = [0, 0, 10]\nscale = 2\nrotate = [0, 0, 90]\n\
+                [[volume]]\nfile = \"tower.vdb\"\nencoding = \"f32\"\n\
+                matrix = [[0, -2, 0, 0], [2, 0, 0, 0], [0, 0, 2, 10], [0, 0, 0, 1]]\n";
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/scene.toml");
+    let checked = SceneFile::parse(&path, text.to_owned())
+        .expect("TOML")
+        .check(u64::MAX)
+        .expect("right");
+    let mut stages = 0;
+    let volumes = checked
+        .load_volumes(&LoadOptions::default(), &mut |_| stages += 1)
+        .expect("the volume is the project's");
+    assert!(Arc::ptr_eq(&volumes[0].grid, &volumes[1].grid), "shared");
+    assert!(
+        !Arc::ptr_eq(&volumes[0].grid, &volumes[2].grid),
+        "kept in another encoding"
+    );
+    let scene = checked.into_scene(&volumes).expect("fits");
+    let [first, second, third] = &scene.media[..] else {
+        panic!("three media");
+    };
+    let p = DVec3::new(1.0, 2.0, 3.0);
+    let world = |m: &Medium| m.transform().world_from_index().transform_point3(p);
+    let at = world(first);
+    let expected = DVec3::new(-2.0 * at.y, 2.0 * at.x, 2.0 * at.z + 10.0);
+    assert!(
+        (world(second) - expected).length() < 1e-9,
+        "{} for {expected}",
+        world(second)
+    );
+    assert!(
+        (world(third) - expected).length() < 1e-9,
+        "{} for {expected}",
+        world(third)
+    );
+}
