@@ -74,7 +74,7 @@
 //! | storage | [`grid`], filled by [`vdb`] or [`cache`] |
 //! | optics | [`phase`], [`light`], [`camera`], [`medium`] |
 //! | estimators | [`tracking`], [`integrator`] |
-//! | frames | [`scene`], [`plan`], [`render`], [`film`], [`output`] |
+//! | frames | [`sequence`], [`scene`], [`plan`], [`render`], [`film`], [`output`] |
 //!
 //! Nothing low knows anything high; a test holds the table in `docs/architecture.md` against the
 //! source.
@@ -87,6 +87,7 @@ pub mod grid;
 pub mod integrator;
 pub mod light;
 pub mod medium;
+pub mod noise_limit;
 pub mod output;
 pub mod phase;
 pub mod plan;
@@ -94,6 +95,7 @@ pub mod plot;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod sequence;
 pub mod silhouette;
 pub mod sobol;
 pub mod space;

@@ -254,7 +254,10 @@ fn add_camera_rays(
     let why = match (transport.camera_ray, surveys) {
         (CameraRay::Auto, [one]) => {
             let met = one.collisions_per_ray;
-            format!("auto; rays from inside meet {met:.2} collisions on average")
+            let depth = one.optical_depth;
+            format!(
+                "auto; rays from inside meet {met:.2} collisions on average, over an optical depth of {depth:.2}"
+            )
         }
         (CameraRay::Auto, _) => "auto; the scene has several volumes".to_owned(),
         _ => "asked for".to_owned(),

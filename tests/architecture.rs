@@ -18,6 +18,8 @@ const TABLE: &[(&str, &str)] = &[
     ("spectrum", ""),
     ("stats", ""),
     ("sobol", ""),
+    ("sequence", "sequence"),
+    ("noise_limit", ""),
     ("sampling", "sobol space spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
@@ -27,7 +29,7 @@ const TABLE: &[(&str, &str)] = &[
     ("phase", "space spectrum sampling"),
     ("camera", "space spectrum sampling"),
     ("light", "space spectrum sampling"),
-    ("film", "space spectrum"),
+    ("film", "film space spectrum stats"),
     ("medium", "space spectrum sampling stats phase grid"),
     ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),
@@ -37,8 +39,8 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene vdb cache grid medium phase light camera film space spectrum sampling integrator \
-         tracking",
+        "scene sequence vdb cache grid medium phase light camera film space spectrum sampling \
+         integrator tracking",
     ),
     (
         "plan",
@@ -62,7 +64,7 @@ const TABLE: &[(&str, &str)] = &[
     (
         "cli",
         "cli space spectrum stats sampling grid vdb cache phase camera light film medium tracking \
-         integrator scene plan render output converge verify",
+         integrator sequence noise_limit scene plan render output converge verify",
     ),
 ];
 

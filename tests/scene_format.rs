@@ -50,6 +50,7 @@ fn documented(page: &str, key: &str) -> String {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a line for each key")]
 fn documented_defaults_are_those_of_the_code() {
     let page = documentation();
     let SceneDesc {
@@ -82,6 +83,7 @@ fn documented_defaults_are_those_of_the_code() {
     } = parse(MINIMAL).desc;
     let VolumeDesc {
         file: _,
+        frame_offset,
         density: DensityDesc { grid, scale },
         albedo,
         phase,
@@ -110,6 +112,7 @@ fn documented_defaults_are_those_of_the_code() {
             format!("{:?}", vertical_fov_degrees.get_ref()),
         ),
         ("volume.file", "required".to_owned()),
+        ("volume.frame_offset", frame_offset.to_string()),
         ("volume.density.grid", format!("{:?}", grid.get_ref())),
         ("volume.density.scale", format!("{:?}", scale.get_ref())),
         ("volume.albedo", format!("{:?}", albedo.get_ref())),
@@ -167,6 +170,7 @@ fn written_scenes_read_back_equal() {
     *file.desc.render.march_step.get_mut() = 0.3;
     file.desc.light.clear();
     let volume = file.desc.volume[0].get_mut();
+    volume.frame_offset = -7;
     volume.phase = Spanned::new(0..0, PhaseDesc::default());
     volume.file = Spanned::new(0..0, "a \"b\"\\ß.vdb".into());
     *volume.density.scale.get_mut() = 1e-30;

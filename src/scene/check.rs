@@ -20,6 +20,7 @@ use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
 use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
 use crate::integrator::{CameraRay, Levers, TransportSettings};
 use crate::light::Lights;
@@ -31,9 +32,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel: 80 of running statistics in the film, and twice the four half and five
-/// float channels of the image, plain and compressed, while it is written.
-const BYTES_PER_PIXEL: u64 = 80 + 2 * (4 * 2 + 5 * 4);
+/// Bytes for a pixel: sums while it renders, 80 of statistics in the film, and twice the four half
+/// and five float channels of the image, plain and compressed, while it is written.
+pub const BYTES_PER_PIXEL: u64 = Accumulation::BYTES_PER_PIXEL + 80 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volumes not yet loaded.
 #[derive(Clone, Debug)]
@@ -75,6 +76,13 @@ impl CheckedVolume {
         #[expect(clippy::cast_possible_truncation, reason = "a scale of errors")]
         let stretch = self.placement.stretch as f32;
         self.sigma_t_per_density * stretch
+    }
+
+    fn key(&self) -> String {
+        let file = std::fs::metadata(&self.path).ok();
+        let file = file.map(|m| (m.len(), m.modified().ok()));
+        let (path, grid, storage) = (self.path.display(), self.grid.get_ref(), &self.storage);
+        format!("{path} {file:?} {grid:?} {storage:?}")
     }
 
     /// Returns whether this volume has the same grid, kept in the same way.
@@ -205,7 +213,7 @@ fn check_volumes(source: &Source, desc: &SceneDesc) -> Check<Vec<CheckedVolume>>
     // What is shared is kept for the one that asks the most of it.
     for i in 0..volumes.len() {
         let sharing = volumes.iter().filter(|v| v.shares_grid_with(&volumes[i]));
-        let depths = sharing.map(|v| v.depth_per_density());
+        let depths = sharing.map(CheckedVolume::depth_per_density);
         volumes[i].storage.sigma_t_per_density = Some(depths.fold(0.0, f32::max));
     }
     Ok(volumes)
@@ -215,6 +223,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
     let volume = spanned.get_ref();
     let VolumeDesc {
         file,
+        frame_offset: _,
         density,
         extinction_color,
         albedo,
@@ -274,6 +283,12 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
 }
 
 impl Checked {
+    /// Returns a text for each volume that is the same for two scenes exactly if they load the same:
+    /// file, its length and when it was written, grid and storage.
+    pub fn volume_keys(&self) -> impl Iterator<Item = String> {
+        self.volumes.iter().map(CheckedVolume::key)
+    }
+
     /// Returns the paths of the volumes' files.
     pub fn volume_paths(&self) -> impl Iterator<Item = &Path> {
         self.volumes.iter().map(|volume| &*volume.path)
@@ -290,14 +305,32 @@ impl Checked {
         options: &LoadOptions,
         on_stage: &mut dyn FnMut(LoadStage),
     ) -> Result<Vec<LoadedVolume>, SceneError> {
+        self.load_new_volumes(options, &[], on_stage)
+    }
+
+    /// Does the same, but takes volumes that are in `earlier` under their key (see
+    /// [`Self::volume_keys`]) from there.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn load_new_volumes(
+        &self,
+        options: &LoadOptions,
+        earlier: &[(String, LoadedVolume)],
+        on_stage: &mut dyn FnMut(LoadStage),
+    ) -> Result<Vec<LoadedVolume>, SceneError> {
         let mut options = *options;
         let mut loaded: Vec<LoadedVolume> = Vec::with_capacity(self.volumes.len());
         for volume in &self.volumes {
             let before = self.volumes[..loaded.len()].iter();
             let shared = before.clone().position(|v| v.shares_grid_with(volume));
+            let kept = || earlier.iter().find(|(key, _)| *key == volume.key());
             let grid = match shared {
                 Some(first) => loaded[first].clone(),
-                None => self.load_volume(volume, &options, on_stage)?,
+                None => match kept() {
+                    Some((_, kept)) => kept.clone(),
+                    None => self.load_volume(volume, &options, on_stage)?,
+                },
             };
             if shared.is_none() {
                 let bytes = grid.grid.resident_bytes() as u64;
@@ -458,6 +491,7 @@ mod tests {
 
     #[test]
     fn the_film_is_as_large_as_its_estimate() {
-        assert!(BYTES_PER_PIXEL >= size_of::<crate::film::Pixel>() as u64 + 56);
+        let film = size_of::<crate::film::Pixel>() as u64;
+        assert!(BYTES_PER_PIXEL >= Accumulation::BYTES_PER_PIXEL + film + 56);
     }
 }

@@ -89,8 +89,12 @@ impl CameraDesc {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct VolumeDesc {
-    /// The `.vdb` or cache file, relative to the scene file.
+    /// The `.vdb` or cache file, relative to the scene file; of a sequence, with the frame's
+    /// number as in `smoke_####.vdb`.
     pub file: Spanned<PathBuf>,
+    /// Added to the frame's number in `file`.
+    #[serde(default)]
+    pub frame_offset: i32,
     /// Which grid is the density, and what a density of one means.
     #[serde(default)]
     pub density: DensityDesc,
@@ -137,6 +141,7 @@ impl VolumeDesc {
     pub fn of(file: PathBuf) -> Self {
         Self {
             file: unplaced(file),
+            frame_offset: 0,
             density: DensityDesc::default(),
             extinction_color: Self::default_extinction_color(),
             albedo: Self::default_albedo(),

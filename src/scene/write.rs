@@ -109,6 +109,7 @@ fn push_tracking(out: &mut String, render: &RenderDesc) {
 fn push_volume(out: &mut String, volume: &VolumeDesc) {
     let VolumeDesc {
         file,
+        frame_offset,
         density: DensityDesc { grid, scale },
         extinction_color,
         albedo,
@@ -123,6 +124,10 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
     let file = string(&file.get_ref().to_string_lossy());
     let (grid, scale) = (string(grid.get_ref()), number(*scale.get_ref()));
     push(out, format_args!("\n[[volume]]\nfile = {file}"));
+    // Zero: none.
+    if *frame_offset != 0 {
+        push(out, format_args!("frame_offset = {frame_offset}"));
+    }
     let note = "# sigma_t = scale * density, per world unit";
     push(
         out,
