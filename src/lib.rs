@@ -72,16 +72,20 @@
 //! |---|---|
 //! | foundations | [`space`], [`spectrum`], [`sampling`], [`stats`] |
 //! | storage | [`grid`], filled by [`vdb`] or [`cache`] |
-//! | optics | [`phase`], [`light`], [`camera`], [`medium`] |
+//! | optics | [`phase`], [`light`], [`camera`], [`emission`], [`medium`] |
 //! | estimators | [`tracking`], [`integrator`] |
 //! | frames | [`sequence`], [`scene`], [`plan`], [`render`], [`film`], [`output`] |
 //!
 //! Nothing low knows anything high; a test holds the table in `docs/architecture.md` against the
 //! source.
 
+pub mod alias;
+pub mod blackbody;
 pub mod cache;
 pub mod camera;
 pub mod converge;
+pub mod emission;
+pub mod field;
 pub mod film;
 pub mod grid;
 pub mod integrator;

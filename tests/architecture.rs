@@ -21,6 +21,8 @@ const TABLE: &[(&str, &str)] = &[
     ("sequence", "sequence"),
     ("noise_limit", ""),
     ("sampling", "sobol space spectrum"),
+    ("alias", ""),
+    ("blackbody", "spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
     ("grid", "grid space"),
@@ -30,17 +32,25 @@ const TABLE: &[(&str, &str)] = &[
     ("camera", "space spectrum sampling"),
     ("light", "space spectrum sampling"),
     ("film", "film space spectrum stats"),
-    ("medium", "space spectrum sampling stats phase grid"),
+    ("field", "grid space spectrum"),
+    (
+        "emission",
+        "emission field blackbody alias sampling space spectrum",
+    ),
+    (
+        "medium",
+        "space spectrum sampling stats phase grid emission",
+    ),
     ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),
     (
         "integrator",
-        "integrator tracking medium phase light space spectrum sampling stats",
+        "integrator tracking medium emission phase light space spectrum sampling stats",
     ),
     (
         "scene",
-        "scene sequence vdb cache grid medium phase light camera film space spectrum sampling \
-         integrator tracking",
+        "scene sequence vdb cache grid field blackbody emission medium phase light camera film \
+         space spectrum sampling integrator tracking",
     ),
     (
         "plan",
@@ -92,6 +102,7 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
             "grid/bounds",
             "grid/encoding",
             "grid/values",
+            "emission",
             "verify",
             "cli",
         ],

@@ -37,6 +37,7 @@ fn variants() -> [(&'static str, Levers); 5] {
         light_roulette: false,
         path_roulette: false,
         equiangular: false,
+        emission_light: false,
     };
     [
         ("all", all),

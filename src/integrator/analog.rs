@@ -2,7 +2,7 @@
 //!
 //! A photon path run backwards, as nature does it: fly to the next collision, die there with
 //! probability `1 − albedo`, scatter otherwise, and bring home what shines where the path
-//! leaves. It is short enough to be checked by eye and serves as the reference for the
+//! leaves. What media emit is added up along the way. It is short enough to be checked by eye and serves as the reference for the
 //! path integrator.
 //!
 //! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
@@ -29,6 +29,7 @@ pub(super) fn sample_radiance(
         ref media,
         lights,
         settings,
+        ref emitters,
         ..
     } = *context;
     let mut radiance = Rgb::BLACK;
@@ -52,6 +53,9 @@ pub(super) fn sample_radiance(
             met.map(|met| (met.t, met.walk.medium()))
         };
         let end = met.as_ref().map_or(f64::INFINITY, |met| met.0);
+        if !emitters.is_empty() {
+            radiance += weight * emitters.at_random(&ray, end, stream, counts);
+        }
         for (seen, t) in lights.local.iter().filter_map(|lamp| lamp.meet(&ray)) {
             if t < end {
                 radiance += weight * seen;

@@ -2,6 +2,7 @@
 //!
 //! * `analog`: plain delta tracking, the short reference.
 //! * `chromatic`: the production choice where the extinction has a colour.
+//! * `emission`: light that the media emit.
 //! * `media`: several media in one scene, for both.
 //! * `guide`: importance of points and directions for the latter.
 //! * `primary`: the camera ray of the latter, up to the collision from which it goes on.
@@ -12,6 +13,7 @@
 
 mod analog;
 mod chromatic;
+mod emission;
 mod guide;
 mod media;
 mod path;
@@ -20,6 +22,7 @@ mod surroundings;
 
 use serde::{Deserialize, Serialize};
 
+use self::emission::Emitters;
 use self::guide::Guide;
 use self::media::{Media, Tracked};
 pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
@@ -104,6 +107,8 @@ pub struct Levers {
     pub path_roulette: bool,
     /// Light of points and spheres is also looked for where a segment passes near them.
     pub equiangular: bool,
+    /// Points of media that emit are sampled as a light is, and not by chance alone.
+    pub emission_light: bool,
 }
 
 impl Default for Levers {
@@ -113,6 +118,7 @@ impl Default for Levers {
             light_roulette: true,
             path_roulette: true,
             equiangular: true,
+            emission_light: true,
         }
     }
 }
@@ -129,6 +135,7 @@ pub struct Context<'a> {
     media: Media<'a>,
     lights: &'a Lights,
     settings: TransportSettings,
+    emitters: Emitters<'a>,
     guide: Option<Guide>,
     lamps: Option<Lamps<'a>>,
     /// Of the path integrator.
@@ -161,6 +168,7 @@ impl<'a> Context<'a> {
             media: Media::new(tracked.collect()),
             lights,
             settings,
+            emitters: Emitters::new(media, settings.levers.emission_light),
             guide: (guided && scatters).then(|| Guide::new(media, lights)),
             lamps: Lamps::new(media, lights, settings.levers.equiangular),
             kernel: if media.iter().any(Medium::is_chromatic) {

@@ -3,8 +3,9 @@
 //! At each collision the path collects every sun's light through an estimate of the
 //! transmittance, and goes on in a direction drawn from the phase function or, near a sun, from
 //! a choice of several (see `guide`). Where it leaves the medium it collects the sky: all of what is
-//! the same from everywhere, and its share of an image's (see `surroundings`). A sun's disk is seen by camera rays only, since scattered paths
-//! have it from their last collision.
+//! the same from everywhere, and its share of an image's (see `surroundings`). A sun's disk is seen
+//! by camera rays only, since scattered paths have it from their last collision. What media emit is
+//! found in both ways (see `emission`).
 //!
 //! Absorption multiplies the weight by the albedo; nothing else ends a path but leaving and
 //! roulette below [`ROULETTE_WEIGHT`]. There is no cap on the number of bounces unless the
@@ -13,6 +14,7 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
+use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
 use super::primary::Kernel;
 use super::surroundings::{Event, Lamps, met_maps};
@@ -59,7 +61,8 @@ pub(super) fn least_contribution(context: &Context<'_>) -> f32 {
         Kernel::Analog | Kernel::Chromatic | Kernel::Transmittance => LEAST_CONTRIBUTION,
     };
     let lamplight = context.lamps.as_ref().map_or(0.0, Lamps::typical_radiance);
-    share * (context.lights.typical_radiance() + lamplight)
+    let emitted = context.emitters.typical_radiance();
+    share * (context.lights.typical_radiance() + emitted + lamplight)
 }
 
 /// Returns what a contribution of 1 is worth in shadow rays, where no more is known of it.
@@ -85,6 +88,7 @@ pub(super) fn scattered_radiance<'a>(
         ref media,
         lights,
         settings,
+        ref emitters,
         ref guide,
         ref lamps,
         ..
@@ -169,6 +173,14 @@ pub(super) fn scattered_radiance<'a>(
             };
             radiance += event.surroundings(context, &segment, stream, counts);
         }
+        if !emitters.is_empty() {
+            let worth = if light_roulette {
+                least.recip()
+            } else {
+                f32::MAX
+            };
+            radiance += vertex.emitted_light(emitters, worth, stream, counts);
+        }
         counts.scattered_rays += 1;
         let arrived = direction;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
@@ -183,10 +195,21 @@ pub(super) fn scattered_radiance<'a>(
         let further = media
             .tracking(index)
             .next_collision(&mut walk, stream, counts);
-        if media.are_several() {
+        if media.are_several() || !emitters.is_empty() {
             let ray = ray_from(&walk, 0.0, direction);
-            let t_max = further.unwrap_or(f64::INFINITY);
-            if let Some(nearer) = media.nearer(Some(index), &ray, t_max, stream, counts) {
+            let mut end = further.unwrap_or(f64::INFINITY);
+            let nearer = if media.are_several() {
+                media.nearer(Some(index), &ray, end, stream, counts)
+            } else {
+                None
+            };
+            end = nearer.as_ref().map_or(end, |met| met.t);
+            if !emitters.is_empty() {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                let worth = (phase, throughput.max_channel());
+                radiance += throughput * emitters.along(&ray, end, worth, stream, counts);
+            }
+            if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
                 continue;
             }
@@ -251,6 +274,34 @@ impl Vertex<'_, '_> {
         let transmittance =
             self.transmittance((light.direction, f64::INFINITY), least, stream, counts);
         unoccluded * (transmittance / probability)
+    }
+
+    /// Returns an unbiased estimate of emitted light that scatters here towards the camera, from a
+    /// point drawn as of a light; `worth` as of [`direct_light`](Self::direct_light).
+    fn emitted_light(
+        &self,
+        emitters: &Emitters<'_>,
+        worth: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let origin = self.walk.world_position(self.t);
+        let phase = self.walk.medium().phase();
+        let towards = |direction| phase.eval(self.direction.dot(direction));
+        let Some(point) = emitters.sample_light(origin, towards, stream, counts) else {
+            return Rgb::BLACK;
+        };
+        let unoccluded = self.throughput * point.unoccluded;
+        let worth = unoccluded.max_channel() * worth;
+        if worth < 1.0 && stream.uniform() >= worth {
+            return Rgb::BLACK;
+        }
+        // At least the probability of having come here: zero cannot.
+        let probability = worth.min(1.0);
+        counts.shadow_rays += 1;
+        let least = worth.recip().min(1.0);
+        let to = (point.direction, point.distance);
+        unoccluded * (self.transmittance(to, least, stream, counts) / probability)
     }
 
     /// Estimates the transmittance towards a direction, up to a distance.

@@ -20,6 +20,8 @@
 //! are positive.
 //!
 //! Where nothing scatters there are no paths, and camera rays are estimates of the transmittance.
+//!
+//! What media emit towards the camera is added to all of them.
 
 use super::media::{Met, Tracked};
 use super::surroundings::seen_spheres;
@@ -120,7 +122,16 @@ pub(super) fn sample_radiance(
             transmittance(context, ray, stream, counts)
         }
     };
-    if !context.lights.local.is_empty() {
+    let Context {
+        media,
+        emitters,
+        lights,
+        ..
+    } = context;
+    if !emitters.is_empty() {
+        sample.radiance += emitters.seen(media, &ray, stream, counts);
+    }
+    if !lights.local.is_empty() {
         sample.radiance += lamplight(context, &ray, stream, counts);
     }
     sample

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use toml::Spanned;
 
+use super::check_emission::CheckedEmission;
 use super::check_light::check_lights;
 use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
@@ -63,6 +64,7 @@ struct CheckedVolume {
     tint: Rgb,
     albedo: Rgb,
     phase: Phase,
+    emission: Option<CheckedEmission>,
     storage: Storage,
     encoding: Range<usize>,
     /// Of the place in the scene file.
@@ -210,6 +212,14 @@ fn check_volumes(source: &Source, desc: &SceneDesc) -> Check<Vec<CheckedVolume>>
     let mut volumes: Vec<_> = volumes
         .map(|volume| check_volume(source, volume))
         .collect::<Check<_>>()?;
+    let chromatic = volumes.iter().find(|v| v.tint != Rgb::WHITE);
+    if let Some(chromatic) = chromatic
+        && volumes.iter().any(|v| v.emission.is_some())
+    {
+        let message = "an extinction of several colours beside a volume that emits light";
+        let expected = "extinction_color of three equal numbers, or no emission";
+        return Err(source.error(chromatic.at.clone(), message, expected));
+    }
     // What is shared is kept for the one that asks the most of it.
     for i in 0..volumes.len() {
         let sharing = volumes.iter().filter(|v| v.shares_grid_with(&volumes[i]));
@@ -227,6 +237,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         density,
         extinction_color,
         albedo,
+        emission,
         phase,
         encoding,
         storage_error,
@@ -271,6 +282,10 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         },
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
+        emission: emission
+            .as_ref()
+            .map(|emission| CheckedEmission::new(source, emission))
+            .transpose()?,
         storage: Storage {
             kind: *encoding.get_ref(),
             max_error,
@@ -336,9 +351,52 @@ impl Checked {
                 let bytes = grid.grid.resident_bytes() as u64;
                 options.max_memory_bytes = options.max_memory_bytes.saturating_sub(bytes);
             }
-            loaded.push(grid);
+            loaded.push(self.with_fields(volume, grid, &options)?);
         }
         Ok(loaded)
+    }
+
+    /// Loads the grids of `volume` that are no density.
+    fn with_fields(
+        &self,
+        volume: &CheckedVolume,
+        mut loaded: LoadedVolume,
+        options: &LoadOptions,
+    ) -> Result<LoadedVolume, SceneError> {
+        loaded.emission = None;
+        let Some(CheckedEmission { names, .. }) = &volume.emission else {
+            return Ok(loaded);
+        };
+        if is_cache(&volume.path) {
+            let message = "a cache file holds one grid, the density";
+            let expected = "the .vdb file";
+            let error = self.source.error(names.at(), message, expected);
+            return Err(SceneError::Description(error));
+        }
+        let archive = Archive::open(&volume.path).map_err(|e| self.at(volume.file.span(), e))?;
+        let field = names.load(&archive, options, &mut loaded.report);
+        loaded.emission = Some(field.map_err(|e| self.placed(names.at(), e))?);
+        loaded.unused_grids.retain(|name| !names.contain(name));
+        Ok(loaded)
+    }
+
+    /// Says where in the scene the file or grid is named that cannot be loaded.
+    fn placed(&self, span: Range<usize>, error: SceneError) -> SceneError {
+        match error {
+            SceneError::Volume { source, .. } => self.at(span, source),
+            other => other,
+        }
+    }
+
+    fn at(&self, span: Range<usize>, source: VdbError) -> SceneError {
+        let place = DescriptionError {
+            expected: None,
+            ..*self.source.error(span, source.to_string(), "")
+        };
+        SceneError::Volume {
+            at: Some(Box::new(place)),
+            source,
+        }
     }
 
     fn load_volume(
@@ -354,28 +412,16 @@ impl Checked {
             storage,
             ..
         } = volume;
-        let at = |span: Range<usize>, source: VdbError| {
-            let place = DescriptionError {
-                expected: None,
-                ..*self.source.error(span, source.to_string(), "")
-            };
-            SceneError::Volume {
-                at: Some(Box::new(place)),
-                source,
-            }
-        };
         on_stage(LoadStage::Read);
         if is_cache(path) {
             return self.map_volume(volume, options);
         }
-        let archive = Archive::open(path).map_err(|e| at(file.span(), e))?;
+        let archive = Archive::open(path).map_err(|e| self.at(file.span(), e))?;
         let index = archive
             .find(grid.get_ref())
-            .map_err(|e| at(place(grid, file), e))?;
-        LoadedVolume::decode(&archive, index, options, storage, on_stage).map_err(|e| match e {
-            SceneError::Volume { source, .. } => at(place(grid, file), source),
-            other => other,
-        })
+            .map_err(|e| self.at(place(grid, file), e))?;
+        LoadedVolume::decode(&archive, index, options, storage, on_stage)
+            .map_err(|e| self.placed(place(grid, file), e))
     }
 
     /// Maps the cache file that the volume is in, which must hold what the scene asks for.
@@ -464,12 +510,19 @@ impl Checked {
         if tint != Rgb::WHITE {
             medium = medium.with_extinction_color(tint);
         }
+        let flattened = || {
+            let message = "the volume's own transform and this one flatten it";
+            self.source
+                .error(at.clone(), message, "voxels that have a volume")
+        };
         if placement != Placement::UNMOVED {
-            medium = medium.moved(placement.map).ok_or_else(|| {
-                let message = "the volume's own transform and this one flatten it";
-                self.source
-                    .error(at.clone(), message, "voxels that have a volume")
-            })?;
+            medium = medium.moved(placement.map).ok_or_else(flattened)?;
+        }
+        if let Some((emission, field)) = checked.emission.as_ref().zip(loaded.emission.clone()) {
+            let glow = emission.glow(&self.source, field)?;
+            // What moves a medium moves its light.
+            let moved = glow.moved(placement.map);
+            medium = medium.glowing(moved.ok_or_else(flattened)?);
         }
         // Nothing is drawn at a higher rate: `auto` raises it by 2 at most.
         let tracking = &self.transport.tracking;

@@ -104,6 +104,8 @@ pub struct VolumeDesc {
     /// Single-scattering albedo.
     #[serde(default = "VolumeDesc::default_albedo")]
     pub albedo: Spanned<[f64; 3]>,
+    /// What the volume emits; unset: nothing.
+    pub emission: Option<Spanned<EmissionDesc>>,
     /// Phase function.
     #[serde(default = "VolumeDesc::default_phase")]
     pub phase: Spanned<PhaseDesc>,
@@ -128,7 +130,7 @@ pub struct VolumeDesc {
 
 /// A size of all axes, or of each.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "a number or three")]
+#[serde(untagged, expecting = "expected a number, or three")]
 pub enum ScaleDesc {
     /// The same for all axes.
     Uniform(f64),
@@ -145,6 +147,7 @@ impl VolumeDesc {
             density: DensityDesc::default(),
             extinction_color: Self::default_extinction_color(),
             albedo: Self::default_albedo(),
+            emission: None,
             phase: Self::default_phase(),
             encoding: Self::default_encoding(),
             storage_error: Self::default_storage_error(),
@@ -205,6 +208,56 @@ impl Default for DensityDesc {
             scale: unplaced(1.0),
         }
     }
+}
+
+/// `emission = { … }` of a volume: by one of `grid`, `grids` and `temperature`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EmissionDesc {
+    /// A grid of emitted radiance per unit length, scalar or of vectors.
+    pub grid: Option<Spanned<String>>,
+    /// Three scalar grids of it, one a channel.
+    pub grids: Option<Spanned<[String; 3]>>,
+    /// A grid of temperatures.
+    pub temperature: Option<Spanned<String>>,
+    /// What the values are multiplied by; of temperatures, kelvin for each unit.
+    pub scale: Spanned<f64>,
+    /// Of `grid` and `grids`: what each channel is multiplied by as well.
+    pub color: Option<Spanned<[f64; 3]>>,
+    /// Of `temperature`: kelvin of a value of zero.
+    pub offset: Option<Spanned<f64>>,
+    /// Of `temperature`: what the black body's radiance is multiplied by.
+    pub intensity: Option<Spanned<f64>>,
+    /// Of `temperature`: what is 1 before that.
+    pub peak: Option<Spanned<PeakDesc>>,
+    /// Of `temperature`: radiance in W m⁻² sr⁻¹, in place of a peak of 1.
+    pub physical: Option<Spanned<bool>>,
+}
+
+impl Default for EmissionDesc {
+    fn default() -> Self {
+        Self {
+            grid: None,
+            grids: None,
+            temperature: None,
+            scale: unplaced(1.0),
+            color: None,
+            offset: None,
+            intensity: None,
+            peak: None,
+            physical: None,
+        }
+    }
+}
+
+/// Which peak of a black body is 1, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PeakDesc {
+    /// That of its spectrum: what is hotter is brighter.
+    Spectrum,
+    /// The brightest channel: colour alone.
+    Channel,
 }
 
 /// `phase = { … }` of a volume.

@@ -8,7 +8,8 @@ use std::fmt::Write as _;
 use toml::Spanned;
 
 use super::desc::{
-    DensityDesc, LightDesc, PhaseDesc, RenderDesc, ScaleDesc, SceneDesc, VolumeDesc,
+    DensityDesc, EmissionDesc, LightDesc, PeakDesc, PhaseDesc, RenderDesc, ScaleDesc, SceneDesc,
+    VolumeDesc,
 };
 use crate::grid::StorageKind;
 use crate::integrator::IntegratorKind;
@@ -113,6 +114,7 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         density: DensityDesc { grid, scale },
         extinction_color,
         albedo,
+        emission,
         phase,
         encoding,
         storage_error,
@@ -138,6 +140,9 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         push(out, format_args!("extinction_color = {color}"));
     }
     push(out, format_args!("albedo = {}", vector(albedo)));
+    if let Some(emission) = emission {
+        push_emission(out, emission.get_ref());
+    }
     push(
         out,
         format_args!("phase = {}", phase_table(phase.get_ref())),
@@ -195,6 +200,49 @@ fn phase_table(phase: &PhaseDesc) -> String {
         add("diameter_micrometres", number(*diameter.get_ref()));
     }
     table + " }"
+}
+
+fn push_emission(out: &mut String, emission: &EmissionDesc) {
+    let EmissionDesc {
+        grid,
+        grids,
+        temperature,
+        scale,
+        color,
+        offset,
+        intensity,
+        peak,
+        physical,
+    } = emission;
+    let mut keys = Vec::new();
+    let mut key = |name: &str, value: Option<String>| {
+        keys.extend(value.map(|value| format!("{name} = {value}")));
+    };
+    let names = |names: &Spanned<[String; 3]>| {
+        let [r, g, b] = names.get_ref().each_ref().map(|name| string(name));
+        format!("[{r}, {g}, {b}]")
+    };
+    let one = |x: &Spanned<f64>| number(*x.get_ref());
+    key("grid", grid.as_ref().map(|g| string(g.get_ref())));
+    key("grids", grids.as_ref().map(names));
+    key(
+        "temperature",
+        temperature.as_ref().map(|g| string(g.get_ref())),
+    );
+    key("scale", Some(one(scale)));
+    key("color", color.as_ref().map(vector));
+    key("offset", offset.as_ref().map(one));
+    key("intensity", intensity.as_ref().map(one));
+    let peak = peak.as_ref().map(|peak| match peak.get_ref() {
+        PeakDesc::Spectrum => "\"spectrum\"".to_owned(),
+        PeakDesc::Channel => "\"channel\"".to_owned(),
+    });
+    key("peak", peak);
+    key(
+        "physical",
+        physical.as_ref().map(|p| p.get_ref().to_string()),
+    );
+    push(out, format_args!("emission = {{ {} }}", keys.join(", ")));
 }
 
 fn push_light(out: &mut String, light: &LightDesc) {
