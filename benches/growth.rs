@@ -9,6 +9,7 @@
 //! ```sh
 //! cargo bench --bench growth                      # up to 512³: 1 GB, about 2 minutes
 //! cargo bench --bench growth -- --to 1024         # 3 GB
+//! cargo bench --bench growth -- --from 1024 --to 1024
 //! cargo bench --bench growth -- --only threads    # one series
 //! cargo bench --bench growth -- --svg docs/performance
 //! ```
@@ -39,6 +40,7 @@ use majorant::phase::Phase;
 use majorant::plot::{Curve, CurvePoint, LogPlot};
 use majorant::render::{NoProgress, render};
 use majorant::scene::Scene;
+use majorant::silhouette::Silhouette;
 use majorant::space::IndexTransform;
 use majorant::spectrum::Rgb;
 use majorant::stats::Counts;
@@ -54,7 +56,8 @@ const SPP: u32 = 4;
 
 /// What was asked for on the command line.
 struct Options {
-    /// Highest resolution.
+    /// Lowest and highest resolution.
+    from: i32,
     to: i32,
     rounds: usize,
     svg: Option<PathBuf>,
@@ -66,6 +69,7 @@ impl Options {
     /// Reads the arguments; `None` if cargo only wants to see the program start.
     fn parse() -> Option<Self> {
         let mut options = Self {
+            from: 64,
             to: 512,
             rounds: 5,
             svg: None,
@@ -75,6 +79,7 @@ impl Options {
         while let Some(arg) = args.next() {
             let mut value = || args.next().expect("the option has a value");
             match arg.as_str() {
+                "--from" => options.from = value().parse().expect("--from is a number"),
                 "--to" => options.to = value().parse().expect("--to is a number"),
                 "--rounds" => options.rounds = value().parse().expect("--rounds is a number"),
                 "--svg" => options.svg = Some(value().into()),
@@ -164,6 +169,7 @@ impl Cloud {
             lights: Lights {
                 distant: vec![sun.expect("a direction")],
                 environment: Rgb([0.3, 0.45, 0.75]),
+                ..Lights::default()
             },
             transport: TransportSettings {
                 tracking: Tracking {
@@ -237,10 +243,11 @@ struct Frame {
 fn frame(scene: &Scene) -> Frame {
     // Done once more by itself, since it is part of a render.
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
-    let context = Context::new(&scene.media, &scene.lights, scene.transport);
-    std::hint::black_box(&context);
+    std::hint::black_box((
+        Context::new(&scene.media, &scene.lights, scene.transport),
+        Silhouette::new(&scene.media, &scene.camera, scene.width, scene.height),
+    ));
     let (start_up_secs, start_up_wall) = (cpu.elapsed().as_secs_f64(), wall.elapsed());
-    drop(context);
     let (wall, cpu) = (Instant::now(), ProcessTime::now());
     let rendered = render(scene, &NoProgress, &AtomicBool::new(false));
     let cpu_secs = cpu.elapsed().as_secs_f64() - start_up_secs;
@@ -473,7 +480,7 @@ fn main() {
     };
     let wants = |series: &str| options.only.as_deref().is_none_or(|only| only == series);
     if wants("memory") || wants("resolution") {
-        let resolutions = std::iter::successors(Some(64), |n| Some(n * 2));
+        let resolutions = std::iter::successors(Some(options.from), |n| Some(n * 2));
         let clouds: Vec<Cloud> = resolutions
             .take_while(|&n| n <= options.to)
             .map(Cloud::new)

@@ -47,7 +47,7 @@
 //!     frame: 0,
 //!     camera,
 //!     media: vec![medium],
-//!     lights: Lights { distant: vec![], environment: Rgb::WHITE },
+//!     lights: Lights { environment: Rgb::WHITE, ..Lights::default() },
 //!     transport: Default::default(),
 //! };
 //! let rendered = render(&scene, &NoProgress, &AtomicBool::new(false));
@@ -74,7 +74,7 @@
 //! | storage | [`grid`], filled by [`vdb`] or [`cache`] |
 //! | optics | [`phase`], [`light`], [`camera`], [`emission`], [`medium`] |
 //! | estimators | [`tracking`], [`integrator`] |
-//! | frames | [`scene`], [`plan`], [`render`], [`film`], [`output`] |
+//! | frames | [`sequence`], [`scene`], [`plan`], [`render`], [`film`], [`output`] |
 //!
 //! Nothing low knows anything high; a test holds the table in `docs/architecture.md` against the
 //! source.
@@ -91,6 +91,7 @@ pub mod grid;
 pub mod integrator;
 pub mod light;
 pub mod medium;
+pub mod noise_limit;
 pub mod output;
 pub mod phase;
 pub mod plan;
@@ -98,6 +99,7 @@ pub mod plot;
 pub mod render;
 pub mod sampling;
 pub mod scene;
+pub mod sequence;
 pub mod silhouette;
 pub mod sobol;
 pub mod space;

@@ -1,8 +1,8 @@
-//! One frame: tiles over threads, cancellation, progress, counters.
+//! One frame: tiles over threads, passes, cancellation, progress, counters.
 //!
 //! A pixel's samples are taken in order from streams keyed by (seed, frame, pixel, sample), and
-//! counters are sums of integers, so the result is the same bits for any number of threads and
-//! any order of tiles.
+//! counters are sums of integers, so the result is the same bits for any number of threads, any
+//! order of tiles, and however many passes it takes.
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::Instant;
@@ -10,16 +10,12 @@ use std::time::Instant;
 use glam::DVec2;
 use rayon::prelude::*;
 
-use crate::film::{Batch, Film, Pixel, PixelCost, Sample};
+use crate::film::{Accumulation, Cell, Film, PixelCost, Region, Sample, Tile, half_of};
 use crate::integrator::Context;
 use crate::sampling::{Number, PixelStreams};
 use crate::scene::Scene;
 use crate::silhouette::Silhouette;
 use crate::stats::Counts;
-
-/// Pixels along a tile's edge: small enough to balance two threads, large enough that the
-/// rays of a tile read the same bricks.
-const TILE: u32 = 16;
 
 /// Hears of finished work while a frame renders. Called from many threads.
 pub trait Progress: Sync {
@@ -52,128 +48,190 @@ pub struct Rendered {
 ///
 /// Setting `cancel` ends the render at the next pixel; pixels that were not reached are empty.
 pub fn render(scene: &Scene, progress: &dyn Progress, cancel: &AtomicBool) -> Rendered {
-    render_each(scene, progress, cancel, &mut |_, _| {})
+    render_with_costs(scene, progress, cancel).0
 }
 
 /// Renders like [`render`], and also returns what each pixel cost, row by row from the top.
-///
-/// # Cost
-/// 16 bytes a pixel; the samples are the same.
 pub fn render_with_costs(
     scene: &Scene,
     progress: &dyn Progress,
     cancel: &AtomicBool,
 ) -> (Rendered, Vec<PixelCost>) {
-    let mut costs = vec![PixelCost::default(); scene.width as usize * scene.height as usize];
-    let rendered = render_each(scene, progress, cancel, &mut |at, cost| costs[at] = cost);
-    (rendered, costs)
-}
-
-fn render_each(
-    scene: &Scene,
-    progress: &dyn Progress,
-    cancel: &AtomicBool,
-    on_cost: &mut dyn FnMut(usize, PixelCost),
-) -> Rendered {
+    let whole = Region::whole(scene.width, scene.height);
+    let mut state = Accumulation::new([scene.width, scene.height], whole, 0);
+    let until = [scene.spp.into(); 2];
     let start = Instant::now();
-    let context = Context::new(&scene.media, &scene.lights, scene.transport);
-    let mut film = Film::new(scene.width, scene.height);
-    let total = u64::from(scene.width) * u64::from(scene.height) * u64::from(scene.spp);
-    let done = AtomicU64::new(0);
-    let silhouette = Silhouette::new(&scene.media, &scene.camera, scene.width, scene.height);
-    let tiles: Vec<Tile> = tiles(scene.width, scene.height).collect();
-    let rendered: Vec<(Pixels, Counts, f64)> = tiles
-        .par_iter()
-        // Tiles cost from nothing to a hundred times the mean: left to itself, rayon hands out a
-        // quarter of the image at a time, and a thread ends up waiting for the other.
-        .with_max_len(1)
-        .map(|tile| {
-            let (pixels, counts) = render_tile(scene, &context, &silhouette, tile, cancel);
-            let rays = counts.camera_rays;
-            let before = done.fetch_add(rays, Ordering::Relaxed);
-            progress.advance(before + rays, total);
-            (pixels, counts, start.elapsed().as_secs_f64())
-        })
-        .collect();
-    let mut counts = Counts::default();
-    let mut first_tile_secs = f64::INFINITY;
-    for (tile, (pixels, tile_counts, secs)) in tiles.iter().zip(rendered) {
-        counts.add(&tile_counts);
-        first_tile_secs = first_tile_secs.min(secs);
-        for ((x, y), (pixel, cost)) in tile.pixels().zip(pixels) {
-            let at = y as usize * scene.width as usize + x as usize;
-            film.pixels_mut()[at] = pixel;
-            on_cost(at, cost);
+    let frame = Frame::new(scene);
+    let prepared = start.elapsed().as_secs_f64();
+    let pass = frame.advance(&mut state, until, progress, cancel);
+    let rendered = Rendered {
+        film: state.film(),
+        counts: pass.counts,
+        first_tile_secs: prepared + pass.first_tile_secs,
+        complete: pass.complete,
+    };
+    (rendered, state.costs())
+}
+
+/// A scene, prepared once for all passes over its pixels.
+#[derive(Debug)]
+pub struct Frame<'a> {
+    scene: &'a Scene,
+    context: Context<'a>,
+    silhouette: Silhouette,
+}
+
+/// What one pass over the pixels did.
+#[derive(Clone, Copy, Debug)]
+pub struct Pass {
+    /// What its rays did.
+    pub counts: Counts,
+    /// Wall-clock seconds until the first tile was complete.
+    pub first_tile_secs: f64,
+    /// Whether every sample was taken: `false` after cancellation.
+    pub complete: bool,
+}
+
+impl<'a> Frame<'a> {
+    /// Prepares a scene.
+    ///
+    /// # Cost
+    /// That of the integrator's [`Context`], and of the medium's [`Silhouette`].
+    pub fn new(scene: &'a Scene) -> Self {
+        Self {
+            scene,
+            context: Context::new(&scene.media, &scene.lights, scene.transport),
+            silhouette: Silhouette::new(&scene.media, &scene.camera, scene.width, scene.height),
         }
     }
-    Rendered {
-        film,
-        counts,
-        first_tile_secs,
-        complete: counts.camera_rays == total,
-    }
-}
 
-/// The pixels of a tile and what they cost.
-type Pixels = Vec<(Pixel, PixelCost)>;
-
-/// A rectangle of pixels.
-struct Tile {
-    x: std::ops::Range<u32>,
-    y: std::ops::Range<u32>,
-}
-
-impl Tile {
-    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
-        self.y
-            .clone()
-            .flat_map(|y| self.x.clone().map(move |x| (x, y)))
-    }
-}
-
-fn tiles(width: u32, height: u32) -> impl Iterator<Item = Tile> {
-    let starts = |n: u32| (0..n).step_by(TILE as usize);
-    starts(height).flat_map(move |y| {
-        starts(width).map(move |x| Tile {
-            x: x..width.min(x.saturating_add(TILE)),
-            y: y..height.min(y.saturating_add(TILE)),
-        })
-    })
-}
-
-fn render_tile(
-    scene: &Scene,
-    context: &Context<'_>,
-    silhouette: &Silhouette,
-    tile: &Tile,
-    cancel: &AtomicBool,
-) -> (Pixels, Counts) {
-    let mut counts = Counts::default();
-    let scale = DVec2::new(f64::from(scene.width), f64::from(scene.height)).recip();
-    let pixels = tile.pixels().map(|(x, y)| {
-        if cancel.load(Ordering::Relaxed) {
-            return (Pixel::default(), PixelCost::default());
+    /// Takes the samples below `until` that pixels do not have yet, those of half 0 and of half 1
+    /// (see [`half_of`]); on the current rayon thread pool.
+    ///
+    /// Setting `cancel` ends the pass at the next pixel: `state` is then good to go on from.
+    ///
+    /// # Panics
+    /// If `state` is not of the scene's resolution.
+    pub fn advance(
+        &self,
+        state: &mut Accumulation,
+        until: [u64; 2],
+        progress: &dyn Progress,
+        cancel: &AtomicBool,
+    ) -> Pass {
+        let size = [self.scene.width, self.scene.height];
+        assert_eq!(state.full_size(), size, "a state of another image");
+        let start = Instant::now();
+        let total = state.missing(until);
+        let done = AtomicU64::new(0);
+        let (counts, first_tile_secs) = state
+            .tiles_mut()
+            .par_iter_mut()
+            // Tiles cost from nothing to a hundred times the mean: left to itself, rayon hands out a
+            // quarter of the image at a time, and a thread ends up waiting for the other.
+            .with_max_len(1)
+            .map(|tile| {
+                let counts = self.render_tile(tile, until, cancel);
+                let rays = counts.camera_rays;
+                let before = done.fetch_add(rays, Ordering::Relaxed);
+                progress.advance(before + rays, total);
+                (counts, start.elapsed().as_secs_f64())
+            })
+            .reduce(
+                || (Counts::default(), f64::INFINITY),
+                |(mut sum, first), (counts, secs)| {
+                    sum.add(&counts);
+                    (sum, first.min(secs))
+                },
+            );
+        Pass {
+            counts,
+            first_tile_secs,
+            complete: counts.camera_rays == total,
         }
+    }
+
+    /// Estimates the relative error of the pixels that may see the medium, in half 0 and half 1:
+    /// the root of the mean of variance over squared mean, each about as large as at least a
+    /// tenth. Infinite below two samples.
+    pub fn noise(&self, state: &Accumulation) -> [f64; 2] {
+        let Region { min, max } = state.region();
+        let places = (min[1]..max[1]).flat_map(|y| (min[0]..max[0]).map(move |x| (x, y)));
+        let mut sums = [(0.0, 0_u64); 2];
+        for ((x, y), cell) in places.zip(state.cells()) {
+            if !self.silhouette.covers(x, y) {
+                continue;
+            }
+            let pixel = cell.batch.pixel();
+            let variance = pixel.variance_of_mean();
+            let (sum, count) = &mut sums[half_of(self.pixel_index(x, y))];
+            for (variance, mean) in variance.iter().zip(pixel.mean) {
+                *sum += variance / (mean * mean + DARK * DARK);
+            }
+            *count += 3;
+        }
+        // No pixel that sees the medium: no noise.
+        sums.map(|(sum, count)| (sum / count.max(1) as f64).sqrt())
+    }
+
+    fn pixel_index(&self, x: u32, y: u32) -> u64 {
+        u64::from(y) * u64::from(self.scene.width) + u64::from(x)
+    }
+
+    fn render_tile(&self, tile: &mut Tile, until: [u64; 2], cancel: &AtomicBool) -> Counts {
+        let mut counts = Counts::default();
+        for (x, y, cell) in tile.cells_mut() {
+            if cancel.load(Ordering::Relaxed) {
+                break;
+            }
+            let index = self.pixel_index(x, y);
+            let samples = cell.next..until[half_of(index)];
+            if samples.is_empty() {
+                continue;
+            }
+            let before = counts;
+            self.render_pixel([x, y], index, samples, cell, &mut counts);
+            cell.cost.values_read += counts.values_read() - before.values_read();
+            cell.cost.null_collisions += counts.null_collisions - before.null_collisions;
+        }
+        counts
+    }
+
+    fn render_pixel(
+        &self,
+        [x, y]: [u32; 2],
+        index: u64,
+        samples: std::ops::Range<u64>,
+        cell: &mut Cell,
+        counts: &mut Counts,
+    ) {
+        let Self {
+            scene,
+            context,
+            silhouette,
+        } = self;
+        cell.next = samples.end;
         if !silhouette.covers(x, y)
             && let Some(radiance) = scene.lights.constant_radiance()
         {
-            counts.camera_rays += u64::from(scene.spp);
-            let pixel = Pixel::constant(radiance, scene.spp.into());
-            return (pixel, PixelCost::default());
+            let count = samples.end - samples.start;
+            counts.camera_rays += count;
+            cell.batch.add_constant(radiance, count);
+            return;
         }
-        let before = counts;
+        let scale = DVec2::new(f64::from(scene.width), f64::from(scene.height)).recip();
         let corner = DVec2::new(f64::from(x), f64::from(y));
-        let index = u64::from(y) * u64::from(scene.width) + u64::from(x);
         let streams = PixelStreams::new(scene.seed, scene.frame, index, scene.transport.sampler);
-        let mut batch = Batch::default();
-        for sample in 0..u64::from(scene.spp) {
+        // A copy that can stay in registers.
+        let mut batch = cell.batch;
+        for sample in samples {
             let mut stream = streams.stream(sample);
             let jitter = DVec2::new(
                 f64::from(stream.number(Number::FilmX)),
                 f64::from(stream.number(Number::FilmY)),
             );
             let ray = scene.camera.ray((corner + jitter) * scale);
-            let path = context.sample_radiance(ray, &mut stream, &mut counts);
+            let path = context.sample_radiance(ray, &mut stream, counts);
             if path.radiance.is_finite() {
                 let depth = |(t, weight)| (scene.camera.depth(ray.at(t)), f64::from(weight));
                 let (depth, depth_weight) = path.first_collision.map_or((0.0, 0.0), depth);
@@ -187,11 +245,9 @@ fn render_tile(
                 counts.non_finite_samples += 1;
             }
         }
-        let cost = PixelCost {
-            values_read: counts.values_read() - before.values_read(),
-            null_collisions: counts.null_collisions - before.null_collisions,
-        };
-        (batch.pixel(), cost)
-    });
-    (pixels.collect(), counts)
+        cell.batch = batch;
+    }
 }
+
+/// Radiance below which an error no longer counts as relative, as in `converge`'s measure.
+const DARK: f64 = 0.1;

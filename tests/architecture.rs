@@ -18,6 +18,8 @@ const TABLE: &[(&str, &str)] = &[
     ("spectrum", ""),
     ("stats", ""),
     ("sobol", ""),
+    ("sequence", "sequence"),
+    ("noise_limit", ""),
     ("sampling", "sobol space spectrum"),
     ("alias", ""),
     ("blackbody", "spectrum"),
@@ -29,7 +31,7 @@ const TABLE: &[(&str, &str)] = &[
     ("phase", "space spectrum sampling"),
     ("camera", "space spectrum sampling"),
     ("light", "space spectrum sampling"),
-    ("film", "space spectrum"),
+    ("film", "film space spectrum stats"),
     ("field", "grid space spectrum"),
     (
         "emission",
@@ -47,8 +49,8 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene vdb cache grid field blackbody emission medium phase light camera film space \
-         spectrum sampling integrator tracking",
+        "scene sequence vdb cache grid field blackbody emission medium phase light camera film \
+         space spectrum sampling integrator tracking",
     ),
     (
         "plan",
@@ -73,7 +75,7 @@ const TABLE: &[(&str, &str)] = &[
     (
         "cli",
         "cli space spectrum stats sampling grid vdb cache phase camera light film medium tracking \
-         integrator scene plan render output converge verify",
+         integrator sequence noise_limit scene plan render output converge verify",
     ),
 ];
 

@@ -91,8 +91,8 @@ fn film(mut scene: Scene, seed: u64) -> Film {
 
 fn sky(environment: Rgb) -> Lights {
     Lights {
-        distant: vec![],
         environment,
+        ..Lights::default()
     }
 }
 
@@ -285,6 +285,7 @@ fn light_points_change_the_noise_and_not_the_mean() {
     let lights = Lights {
         distant: vec![sun.expect("a sun")],
         environment: Rgb([0.02, 0.03, 0.05]),
+        ..Lights::default()
     };
     for g in [0.0, 0.8] {
         let medium = Medium::new(cloud(), 6.0, Rgb::splat(0.9), Phase::HenyeyGreenstein { g });

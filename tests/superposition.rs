@@ -84,6 +84,7 @@ fn lights(diameter: f64) -> Lights {
     Lights {
         distant: vec![DistantLight::new(towards, Rgb([3.0, 2.5, 2.0]), diameter).expect("a sun")],
         environment: Rgb([0.2, 0.3, 0.5]),
+        ..Lights::default()
     }
 }
 

@@ -1,28 +1,37 @@
 //! What the command line accepts.
 
+use std::ops::Range;
 use std::path::PathBuf;
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, IVec3};
+use majorant::film::Region;
 use majorant::grid::StorageKind;
 use majorant::integrator::{CameraRay, IntegratorKind};
+use majorant::output::{SampleRanges, SampleRangesError};
 use majorant::sampling::SamplerKind;
 use majorant::scene::MAX_RESOLUTION;
 use majorant::scene::default_look::UpAxis;
+use majorant::sequence::FrameRange;
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 failed, such as an output that cannot be written; 2 wrong usage;
-3 bad input: a scene or volume that is missing, damaged or says what cannot be.";
+3 bad input: a scene or volume that is missing, damaged or says what cannot be;
+4 some frames of a sequence failed; 75 stopped early, run again to go on.";
 
 const RENDER_EXAMPLES: &str = "\
 Examples:
   majorant render cloud.vdb --preview-png
   majorant render cloud.vdb --print-scene > cloud.toml
   majorant render cloud.toml -r 1920x1080 --spp 256 -o out/cloud.exr
+  majorant render fire.toml -f 1001-1100x2 -o out/fire.####.exr --skip-existing --resume
 
-Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
+In names #### is the frame in four digits, and so are %04d, $F4, @@@@ and <F4>; # alone is too.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 4 some frames failed, 75 stopped early:
+a checkpoint is written, and --resume goes on.";
 
 const CONVERGE_EXAMPLES: &str = "\
 Estimators are names joined by + in any order; what is not named is auto:
@@ -39,6 +48,17 @@ Examples:
 
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 130 interrupted: results so far are
 written, and --resume goes on.";
+
+const MERGE_EXAMPLES: &str = "\
+Examples:
+  majorant render fire.toml --samples 0..256 -o fire.s0.exr
+  majorant render fire.toml --samples 256..512 -o fire.s1.exr
+  majorant merge fire.s0.exr fire.s1.exr -o fire.exr
+  majorant merge out/fire.####.s0.exr out/fire.####.s1.exr -f 1001-1100 -o out/fire.####.exr
+
+Parts of other scenes, versions or sizes are refused, and samples that two parts have.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 4 some frames failed.";
 
 const CACHE_EXAMPLES: &str = "\
 Examples:
@@ -100,6 +120,9 @@ pub(super) enum Command {
     /// Render a scene file, or a bare .vdb with a default look, to OpenEXR
     #[command(after_help = RENDER_EXAMPLES)]
     Render(Box<RenderArgs>),
+    /// Put parts of frames together, from render --samples A..B
+    #[command(after_help = MERGE_EXAMPLES)]
+    Merge(MergeArgs),
     /// Compare estimators by error against run time
     #[command(after_help = CONVERGE_EXAMPLES)]
     Converge(Box<ConvergeArgs>),
@@ -118,18 +141,33 @@ pub(super) enum Command {
 }
 
 #[derive(Debug, clap::Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a flag of its own")]
 pub(super) struct RenderArgs {
-    /// Scene file, or .vdb volume
+    /// Scene file, or .vdb volume; smoke_####.vdb for a sequence
     pub(super) input: PathBuf,
-    /// Image to write [default: the input's name with .exr, in the current folder]
+    /// Image to write, out.####.exr for a sequence [default: the input's name with .exr]
     #[arg(short, long, value_name = "OUT.exr")]
     pub(super) output: Option<PathBuf>,
+    #[command(flatten)]
+    pub(super) batch: BatchArgs,
     /// Columns and rows of the image
     #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
     pub(super) resolution: Option<[u32; 2]>,
+    /// Only these pixels: from the first corner to before the second
+    #[arg(long, value_name = "X0,Y0,X1,Y1", value_parser = parse_crop)]
+    pub(super) crop: Option<Region>,
     /// Samples a pixel
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) spp: Option<u32>,
+    /// Only these samples, as a part to merge: 256..512
+    #[arg(long, value_name = "A..B", conflicts_with = "spp", value_parser = parse_samples)]
+    pub(super) samples: Option<Range<u32>>,
+    /// Stop at this relative error of the image, such as 0.02
+    #[arg(long, value_name = "X", conflicts_with = "samples", value_parser = parse_positive)]
+    pub(super) noise_limit: Option<f64>,
+    /// Set any key of the scene; may be repeated
+    #[arg(long, value_name = "PATH.KEY=VALUE", value_parser = parse_setting)]
+    pub(super) set: Vec<(String, String)>,
     /// Seed of the noise, 0 to 2^64 - 1
     #[arg(long, value_name = "N")]
     pub(super) seed: Option<u64>,
@@ -157,6 +195,9 @@ pub(super) struct RenderArgs {
     /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
     #[arg(long, value_enum)]
     pub(super) up: Option<UpArg>,
+    /// Print frames, files, memory and plan, and do not render
+    #[arg(long)]
+    pub(super) dry_run: bool,
     /// Print the scene as a scene file, and do not render
     #[arg(long)]
     pub(super) print_scene: bool,
@@ -176,6 +217,48 @@ pub(super) struct RenderArgs {
     /// Read NaN and infinite voxels as 0 instead of refusing the grid
     #[arg(long)]
     pub(super) sanitize: bool,
+}
+
+/// Which frames, and what happens when something stops them.
+#[derive(Debug, clap::Args)]
+pub(super) struct BatchArgs {
+    /// Frames: 1001-1100, 1-100x2 (every 2nd), 1,5,9-20
+    #[arg(short, long, value_name = "RANGE", allow_hyphen_values = true)]
+    pub(super) frames: Option<FrameRange>,
+    /// Frames as Open Job Description's workers get them
+    #[arg(long, hide = true, value_name = "RANGE", allow_hyphen_values = true,
+        conflicts_with = "frames", value_parser = FrameRange::parse_openjd)]
+    pub(super) frames_openjd: Option<FrameRange>,
+    /// Where a volume file of a frame is missing: fail, leave out, or take the one before
+    #[arg(long, value_enum, default_value = "error")]
+    pub(super) missing: MissingArg,
+    /// Leave out frames that are there, complete and of this scene, samples and version
+    #[arg(long)]
+    pub(super) skip_existing: bool,
+    /// Keep a frame in progress on disk: every 60s, 5m
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub(super) checkpoint: Option<f64>,
+    /// Go on with frames in progress, to the same bits
+    #[arg(long)]
+    pub(super) resume: bool,
+    /// Stop after this time, with a checkpoint and exit code 75
+    #[arg(long, value_name = "TIME", value_parser = parse_duration)]
+    pub(super) time_limit: Option<f64>,
+}
+
+impl BatchArgs {
+    /// Returns the frames asked for; `None`: the one that the scene file says.
+    pub(super) fn frames(&self) -> Option<&FrameRange> {
+        self.frames.as_ref().or(self.frames_openjd.as_ref())
+    }
+}
+
+/// What becomes of a frame whose volume file is missing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum MissingArg {
+    Error,
+    Skip,
+    Hold,
 }
 
 /// Which estimators track rays, and which numbers they use.
@@ -266,6 +349,23 @@ pub(super) struct ConvergeArgs {
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct MergeArgs {
+    /// Parts of one frame; with -f, names with #### for its number
+    #[arg(required = true, value_name = "PART.exr")]
+    pub(super) parts: Vec<PathBuf>,
+    /// Image to write
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(super) output: PathBuf,
+    /// Frames: 1001-1100, 1-100x2 (every 2nd), 1,5,9-20
+    #[arg(short, long, value_name = "RANGE", allow_hyphen_values = true)]
+    pub(super) frames: Option<FrameRange>,
+    /// Frames as Open Job Description's workers get them
+    #[arg(long, hide = true, value_name = "RANGE", allow_hyphen_values = true,
+        conflicts_with = "frames", value_parser = FrameRange::parse_openjd)]
+    pub(super) frames_openjd: Option<FrameRange>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -397,6 +497,37 @@ fn parse_resolution(s: &str) -> Result<[u32; 2], String> {
         .zip(edge(height))
         .map(|(w, h)| [w, h])
         .ok_or_else(expected)
+}
+
+/// Reads `X0,Y0,X1,Y1`.
+fn parse_crop(s: &str) -> Result<Region, String> {
+    let numbers: Option<Vec<u32>> = s.split(',').map(|n| n.trim().parse().ok()).collect();
+    match numbers.as_deref() {
+        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Region {
+            min: [x0, y0],
+            max: [x1, y1],
+        }),
+        _ => Err("expected X0,Y0,X1,Y1 in pixels, the second corner beyond the first".to_owned()),
+    }
+}
+
+/// Reads `A..B`.
+fn parse_samples(s: &str) -> Result<Range<u32>, String> {
+    let ranges: SampleRanges = s.parse().map_err(|e: SampleRangesError| e.to_string())?;
+    let edge = |n: u64| u32::try_from(n).ok();
+    match ranges.ranges() {
+        [one] => edge(one.start).zip(edge(one.end)).map(|(a, b)| a..b),
+        _ => None,
+    }
+    .ok_or_else(|| "expected one range A..B, such as 256..512".to_owned())
+}
+
+/// Reads `path.to.key=value`.
+fn parse_setting(s: &str) -> Result<(String, String), String> {
+    let (path, value) = s
+        .split_once('=')
+        .ok_or("expected path.to.key=value, such as light.0.irradiance=[6,5,4]")?;
+    Ok((path.trim().to_owned(), value.trim().to_owned()))
 }
 
 fn parse_positive(s: &str) -> Result<f64, String> {

@@ -8,6 +8,7 @@ mod converge;
 mod info;
 mod json;
 mod memory;
+mod merge;
 mod probe;
 mod progress;
 mod render;
@@ -37,14 +38,18 @@ enum Failure {
     BadInput(String),
     /// Some inputs could not be read, which has been said.
     Reported,
+    /// Some frames of a sequence failed, which has been said.
+    SomeFrames,
+    /// The run was stopped before its end, and said how to go on.
+    Stopped,
     /// The user interrupted the run, which has said what it kept.
     Interrupted,
     /// Something else went wrong, mostly while writing.
-    Failed(Box<dyn std::error::Error>),
+    Failed(Box<dyn std::error::Error + Send + Sync>),
 }
 
 impl Failure {
-    fn failed(error: impl Into<Box<dyn std::error::Error>>) -> Self {
+    fn failed(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> Self {
         Self::Failed(error.into())
     }
 
@@ -53,6 +58,9 @@ impl Failure {
         match self {
             Self::Failed(_) | Self::Cache(CacheError::Write { .. }) => 1,
             Self::Usage(_) => 2,
+            Self::SomeFrames => 4,
+            // The code of sysexits.h for "try again".
+            Self::Stopped => 75,
             // What shells say of a program that SIGINT ended.
             Self::Interrupted => 130,
             Self::Scene(_) | Self::Vdb(_) | Self::Cache(_) | Self::BadInput(_) | Self::Reported => {
@@ -87,6 +95,7 @@ pub(crate) fn run() -> ExitCode {
     let result = match &args.command {
         Command::Render(a) => render::run(a),
         Command::Converge(a) => converge::run(a),
+        Command::Merge(a) => merge::run(a),
         Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),

@@ -15,17 +15,26 @@ pub(super) enum RenderProgress {
     Bar(Span),
     Lines {
         start: Instant,
+        /// Where this process began, if it goes on with what another did.
+        first: u64,
         shown_tenths: AtomicU64,
+        /// Milliseconds from `start` to the last line.
+        shown_at: AtomicU64,
     },
 }
 
+/// Time between two lines: frames of a sequence that take a moment need none.
+const LINE_MILLISECONDS: u64 = 1000;
+
 impl RenderProgress {
-    /// Starts showing a render of `total` samples.
-    pub(super) fn start(total: u64) -> Self {
+    /// Starts showing a render of which `done` samples are there.
+    pub(super) fn start(done: u64) -> Self {
         if !report::is_terminal() {
             return Self::Lines {
                 start: Instant::now(),
+                first: done,
                 shown_tenths: AtomicU64::new(0),
+                shown_at: AtomicU64::new(0),
             };
         }
         let template = "rendering {wide_bar} {percent:>3} %  {human_pos} of {human_len} samples  \
@@ -33,7 +42,6 @@ impl RenderProgress {
         let style = ProgressStyle::with_template(template).expect("the template is constant");
         let span = tracing::info_span!("render");
         span.pb_set_style(&style);
-        span.pb_set_length(total);
         span.pb_start();
         Self::Bar(span)
     }
@@ -42,17 +50,28 @@ impl RenderProgress {
 impl Progress for RenderProgress {
     fn advance(&self, done: u64, total: u64) {
         match self {
-            Self::Bar(span) => span.pb_set_position(done),
+            Self::Bar(span) => {
+                span.pb_set_length(total);
+                span.pb_set_position(done);
+            }
             Self::Lines {
                 start,
+                first,
                 shown_tenths,
+                shown_at,
             } => {
                 let tenths = done.saturating_mul(10) / total.max(1);
+                let elapsed = start.elapsed().as_secs_f64();
+                let now = milliseconds(elapsed);
+                let is_late = now >= shown_at.load(Ordering::Relaxed) + LINE_MILLISECONDS;
                 // Of several threads that reach a tenth at once, one prints it. The last
                 // tenth is left to the summary.
-                if tenths < 10 && shown_tenths.fetch_max(tenths, Ordering::Relaxed) < tenths {
-                    let elapsed = start.elapsed().as_secs_f64();
-                    let left = elapsed * (total - done) as f64 / done.max(1) as f64;
+                if is_late
+                    && tenths < 10
+                    && shown_tenths.fetch_max(tenths, Ordering::Relaxed) < tenths
+                {
+                    shown_at.store(now, Ordering::Relaxed);
+                    let left = elapsed * (total - done) as f64 / (done - first).max(1) as f64;
                     tracing::info!(
                         "{} % in {elapsed:.1} s, about {left:.1} s left",
                         tenths * 10

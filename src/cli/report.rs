@@ -72,21 +72,44 @@ where
     }
 }
 
-/// Prints why the program ends; scene errors with the line and an arrow.
+/// Prints why the program ends, or why a frame failed; scene errors with the line and an arrow.
 pub(super) fn failure(failure: &Failure) {
     let text = match failure {
-        Failure::Usage(message) | Failure::BadInput(message) => error_line(message),
         Failure::Scene(e) => match e.place() {
             Some(place) => diagnostic(place, e),
             None => error_line(&chain(e)),
         },
-        Failure::Vdb(e) => error_line(&chain(e)),
-        Failure::Cache(e) => error_line(&chain(e)),
-        Failure::Reported | Failure::Interrupted => return,
-        Failure::Failed(e) => error_line(&chain(e.as_ref())),
+        other => match reason(other) {
+            Some(reason) => error_line(&reason),
+            None => return,
+        },
     };
-    // Nothing can be done about a stderr that is closed.
-    let _ = write!(std::io::stderr().lock(), "{text}");
+    print_error(&text);
+}
+
+/// Returns why a frame failed, in one line; `None` if that has been said.
+pub(super) fn reason(failure: &Failure) -> Option<String> {
+    match failure {
+        Failure::Usage(message) | Failure::BadInput(message) => Some(message.clone()),
+        Failure::Scene(e) => Some(chain(e)),
+        Failure::Vdb(e) => Some(chain(e)),
+        Failure::Cache(e) => Some(chain(e)),
+        Failure::Failed(e) => Some(chain(e.as_ref())),
+        Failure::Reported | Failure::SomeFrames | Failure::Stopped | Failure::Interrupted => None,
+    }
+}
+
+/// Prints an error's line, whatever `-q` says.
+pub(super) fn error(message: &str) {
+    print_error(&error_line(message));
+}
+
+/// Above the progress bar, if there is one.
+fn print_error(text: &str) {
+    tracing_indicatif::suspend_tracing_indicatif(|| {
+        // Nothing can be done about a stderr that is closed.
+        let _ = write!(std::io::stderr().lock(), "{text}");
+    });
 }
 
 fn error_line(message: &str) -> String {

@@ -178,8 +178,6 @@ mod tests {
                 let max = corners.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
                 boxes.push((min, max));
             });
-            let bricks = grid.brick_count();
-            println!("{bricks} bricks, {} boxes", boxes.len());
             assert!(boxes.len() <= MAX_BOXES, "{} boxes", boxes.len());
             let held = |p: DVec3| {
                 boxes

@@ -6,9 +6,9 @@
 //! path integrator.
 //!
 //! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
-//! 50,000, and parallel light by none, which the scene loader refuses.
+//! 50,000, and parallel light by none, which the scene loader refuses. Where the extinction has a
+//! colour, a path is of one channel, and an image three colours of noise.
 
-use super::media::Met;
 use super::{Context, PathSample};
 use crate::sampling::Stream;
 use crate::space::Ray;
@@ -35,14 +35,33 @@ pub(super) fn sample_radiance(
     let mut radiance = Rgb::BLACK;
     let mut first_collision = None;
     let mut weight = Rgb::WHITE;
+    let is_chromatic = media.are_chromatic();
+    if is_chromatic {
+        // One channel at random, and nothing of the others.
+        let third = stream.uniform() * 3.0;
+        weight = Rgb(std::array::from_fn(|c| {
+            let chosen = (c as f32..c as f32 + 1.0).contains(&third);
+            if chosen { 3.0 } else { 0.0 }
+        }));
+    }
     let mut bounces = 0;
     loop {
-        let met = media.first_collision(&ray, stream, counts);
+        let met = if is_chromatic {
+            media.chromatic_collision(&ray, &mut weight, stream, counts)
+        } else {
+            let met = media.first_collision(&ray, stream, counts);
+            met.map(|met| (met.t, met.walk.medium()))
+        };
+        let end = met.as_ref().map_or(f64::INFINITY, |met| met.0);
         if !emitters.is_empty() {
-            let end = met.as_ref().map_or(f64::INFINITY, |met| met.t);
             radiance += weight * emitters.at_random(&ray, end, stream, counts);
         }
-        let Some(Met { walk, t, .. }) = met else {
+        for (seen, t) in lights.local.iter().filter_map(|lamp| lamp.meet(&ray)) {
+            if t < end {
+                radiance += weight * seen;
+            }
+        }
+        let Some((t, medium)) = met else {
             return PathSample {
                 radiance: radiance + weight * lights.radiance(ray.direction),
                 first_collision,
@@ -50,7 +69,6 @@ pub(super) fn sample_radiance(
             };
         };
         first_collision.get_or_insert((t, 1.0));
-        let medium = walk.medium();
         let albedo = medium.albedo();
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {

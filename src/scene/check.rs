@@ -11,8 +11,9 @@ use toml::Spanned;
 
 use super::check_emission::CheckedEmission;
 use super::check_light::check_lights;
+use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
-use super::desc::{PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc};
+use super::desc::{RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
@@ -20,6 +21,7 @@ use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
 use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
 use crate::integrator::{CameraRay, Levers, TransportSettings};
 use crate::light::Lights;
@@ -31,9 +33,9 @@ use crate::vdb::{Archive, VdbError};
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
 
-/// Bytes for a pixel: 80 of running statistics in the film, and twice the four half and five
-/// float channels of the image, plain and compressed, while it is written.
-const BYTES_PER_PIXEL: u64 = 80 + 2 * (4 * 2 + 5 * 4);
+/// Bytes for a pixel: sums while it renders, 80 of statistics in the film, and twice the four half
+/// and five float channels of the image, plain and compressed, while it is written.
+pub const BYTES_PER_PIXEL: u64 = Accumulation::BYTES_PER_PIXEL + 80 + 2 * (4 * 2 + 5 * 4);
 
 /// A checked scene, its volumes not yet loaded.
 #[derive(Clone, Debug)]
@@ -56,7 +58,10 @@ struct CheckedVolume {
     path: PathBuf,
     grid: Spanned<String>,
     scale: Range<usize>,
+    /// Of the channel with the largest.
     sigma_t_per_density: f32,
+    /// Of the others, over that.
+    tint: Rgb,
     albedo: Rgb,
     phase: Phase,
     emission: Option<CheckedEmission>,
@@ -73,6 +78,13 @@ impl CheckedVolume {
         #[expect(clippy::cast_possible_truncation, reason = "a scale of errors")]
         let stretch = self.placement.stretch as f32;
         self.sigma_t_per_density * stretch
+    }
+
+    fn key(&self) -> String {
+        let file = std::fs::metadata(&self.path).ok();
+        let file = file.map(|m| (m.len(), m.modified().ok()));
+        let (path, grid, storage) = (self.path.display(), self.grid.get_ref(), &self.storage);
+        format!("{path} {file:?} {grid:?} {storage:?}")
     }
 
     /// Returns whether this volume has the same grid, kept in the same way.
@@ -103,7 +115,7 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
     let seed = *desc.render.seed.get_ref();
     let camera = check_camera(source, desc, resolution)?;
     let volumes = check_volumes(source, desc)?;
-    let lights = check_lights(source, desc)?;
+    let lights = check_lights(source, desc, max_memory_bytes)?;
     Ok(Checked {
         source: source.clone(),
         resolution,
@@ -200,10 +212,18 @@ fn check_volumes(source: &Source, desc: &SceneDesc) -> Check<Vec<CheckedVolume>>
     let mut volumes: Vec<_> = volumes
         .map(|volume| check_volume(source, volume))
         .collect::<Check<_>>()?;
+    let chromatic = volumes.iter().find(|v| v.tint != Rgb::WHITE);
+    if let Some(chromatic) = chromatic
+        && volumes.iter().any(|v| v.emission.is_some())
+    {
+        let message = "an extinction of several colours beside a volume that emits light";
+        let expected = "extinction_color of three equal numbers, or no emission";
+        return Err(source.error(chromatic.at.clone(), message, expected));
+    }
     // What is shared is kept for the one that asks the most of it.
     for i in 0..volumes.len() {
         let sharing = volumes.iter().filter(|v| v.shares_grid_with(&volumes[i]));
-        let depths = sharing.map(|v| v.depth_per_density());
+        let depths = sharing.map(CheckedVolume::depth_per_density);
         volumes[i].storage.sigma_t_per_density = Some(depths.fold(0.0, f32::max));
     }
     Ok(volumes)
@@ -213,7 +233,9 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
     let volume = spanned.get_ref();
     let VolumeDesc {
         file,
+        frame_offset: _,
         density,
+        extinction_color,
         albedo,
         emission,
         phase,
@@ -229,6 +251,13 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         let expected = "a number from 0 to 3e38, in 1 / world unit";
         source.error(density.scale.span(), format!("scale is {scale}"), expected)
     })?;
+    let color = colour(source, "extinction_color", extinction_color)?;
+    let most = color.max_channel();
+    let sigma_t_per_density = sigma_t_per_density * most;
+    if !sigma_t_per_density.is_finite() {
+        let message = format!("{scale} times {most} is too large an extinction");
+        return Err(source.error(extinction_color.span(), message, "a product below 3e38"));
+    }
     if albedo.get_ref().iter().any(|a| !(0.0..=1.0).contains(a)) {
         let message = format!("albedo is {:?}", albedo.get_ref());
         return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
@@ -245,6 +274,12 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         grid: density.grid.clone(),
         scale: place(&density.scale, file),
         sigma_t_per_density,
+        // Zero: nothing is there, of whatever colour.
+        tint: if most > 0.0 {
+            Rgb(color.0.map(|c| c / most))
+        } else {
+            Rgb::WHITE
+        },
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
         emission: emission
@@ -262,43 +297,13 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
     })
 }
 
-fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
-    let PhaseDesc { kind, g } = phase.get_ref();
-    match (kind, g) {
-        (PhaseKind::Isotropic, None) => Ok(Phase::Isotropic),
-        (PhaseKind::Isotropic, Some(g)) => {
-            let mut error = source.error(g.span(), "an isotropic phase function has no g", "no g");
-            error.help = Some("write type = \"henyey-greenstein\" to scatter by g".to_owned());
-            Err(error)
-        }
-        (PhaseKind::HenyeyGreenstein, None) => {
-            let message = "a henyey-greenstein phase function needs g";
-            Err(source.error(
-                phase.span(),
-                message,
-                "g = the mean cosine, say 0.85 for clouds",
-            ))
-        }
-        (PhaseKind::HenyeyGreenstein, Some(spanned)) => {
-            let g = number(source, "g", spanned)?;
-            #[expect(clippy::cast_possible_truncation, reason = "checked after rounding")]
-            let g = g as f32;
-            // Rounding to f32 may reach 1, where the density has no limit.
-            if g.abs() < 1.0 {
-                Ok(Phase::HenyeyGreenstein { g })
-            } else {
-                let message = format!("g is {}", spanned.get_ref());
-                Err(source.error(
-                    spanned.span(),
-                    message,
-                    "a mean cosine above -1 and below 1",
-                ))
-            }
-        }
-    }
-}
-
 impl Checked {
+    /// Returns a text for each volume that is the same for two scenes exactly if they load the same:
+    /// file, its length and when it was written, grid and storage.
+    pub fn volume_keys(&self) -> impl Iterator<Item = String> {
+        self.volumes.iter().map(CheckedVolume::key)
+    }
+
     /// Returns the paths of the volumes' files.
     pub fn volume_paths(&self) -> impl Iterator<Item = &Path> {
         self.volumes.iter().map(|volume| &*volume.path)
@@ -315,14 +320,32 @@ impl Checked {
         options: &LoadOptions,
         on_stage: &mut dyn FnMut(LoadStage),
     ) -> Result<Vec<LoadedVolume>, SceneError> {
+        self.load_new_volumes(options, &[], on_stage)
+    }
+
+    /// Does the same, but takes volumes that are in `earlier` under their key (see
+    /// [`Self::volume_keys`]) from there.
+    ///
+    /// # Errors
+    /// As above.
+    pub fn load_new_volumes(
+        &self,
+        options: &LoadOptions,
+        earlier: &[(String, LoadedVolume)],
+        on_stage: &mut dyn FnMut(LoadStage),
+    ) -> Result<Vec<LoadedVolume>, SceneError> {
         let mut options = *options;
         let mut loaded: Vec<LoadedVolume> = Vec::with_capacity(self.volumes.len());
         for volume in &self.volumes {
             let before = self.volumes[..loaded.len()].iter();
             let shared = before.clone().position(|v| v.shares_grid_with(volume));
+            let kept = || earlier.iter().find(|(key, _)| *key == volume.key());
             let grid = match shared {
                 Some(first) => loaded[first].clone(),
-                None => self.load_volume(volume, &options, on_stage)?,
+                None => match kept() {
+                    Some((_, kept)) => kept.clone(),
+                    None => self.load_volume(volume, &options, on_stage)?,
+                },
             };
             if shared.is_none() {
                 let bytes = grid.grid.resident_bytes() as u64;
@@ -477,12 +500,16 @@ impl Checked {
             sigma_t_per_density,
             albedo,
             phase,
+            tint,
             ref at,
             placement,
             ..
         } = *checked;
         let grid = Arc::clone(&loaded.grid);
         let mut medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        if tint != Rgb::WHITE {
+            medium = medium.with_extinction_color(tint);
+        }
         let flattened = || {
             let message = "the volume's own transform and this one flatten it";
             self.source
@@ -517,6 +544,7 @@ mod tests {
 
     #[test]
     fn the_film_is_as_large_as_its_estimate() {
-        assert!(BYTES_PER_PIXEL >= size_of::<crate::film::Pixel>() as u64 + 56);
+        let film = size_of::<crate::film::Pixel>() as u64;
+        assert!(BYTES_PER_PIXEL >= Accumulation::BYTES_PER_PIXEL + film + 56);
     }
 }

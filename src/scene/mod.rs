@@ -14,20 +14,27 @@
 mod check;
 mod check_emission;
 mod check_light;
+mod check_phase;
 mod check_tracking;
 pub mod default_look;
 pub mod desc;
+mod environment;
 mod error;
 mod fields;
+mod files;
 mod framing;
+mod keyframes;
 mod load;
 mod placement;
+mod template;
 mod value;
 mod write;
 
-pub use check::{Checked, MAX_RESOLUTION};
+pub use check::{BYTES_PER_PIXEL, Checked, MAX_RESOLUTION};
 pub use error::{DescriptionError, SceneError};
+pub use files::MissingFile;
 pub use load::{LoadOptions, LoadStage, LoadedVolume};
+pub use template::SceneTemplate;
 
 use std::path::Path;
 
@@ -61,7 +68,7 @@ pub struct Scene {
     pub transport: TransportSettings,
 }
 
-/// A scene file's text and what it says, not yet checked.
+/// A scene file's text and what it says at one frame, not yet checked.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SceneFile {
     source: Source,
@@ -70,16 +77,12 @@ pub struct SceneFile {
 }
 
 impl SceneFile {
-    /// Reads a scene file.
+    /// Reads a scene file, at the frame that it says.
     ///
     /// # Errors
     /// If it cannot be read, is not TOML, or has unknown, missing or mistyped keys.
     pub fn read(path: &Path) -> Result<Self, SceneError> {
-        let text = std::fs::read_to_string(path).map_err(|source| SceneError::Read {
-            path: path.to_owned(),
-            source,
-        })?;
-        Self::parse(path, text)
+        SceneTemplate::read(path)?.at(None)
     }
 
     /// Reads the text of a scene file; `path` is what errors call it and what files are
@@ -96,14 +99,7 @@ impl SceneFile {
     /// assert!(error.to_string().starts_with("a.toml:4:1: unknown field `upp`"));
     /// ```
     pub fn parse(path: &Path, text: String) -> Result<Self, SceneError> {
-        let source = Source {
-            path: path.to_owned(),
-            text,
-        };
-        match toml::from_str(&source.text) {
-            Ok(desc) => Ok(Self { source, desc }),
-            Err(e) => Err(SceneError::Description(Box::new(source.toml_error(&e)))),
-        }
+        SceneTemplate::new(path, text).at(None)
     }
 
     /// Returns the file's text as it was read or chosen.
@@ -122,7 +118,8 @@ impl SceneFile {
     /// Returns a hash of all that decides a pixel's expectation and noise, but not how many
     /// samples: parts of one picture have equal hashes.
     ///
-    /// Volumes count by file name and length, not by their voxels.
+    /// Volumes count by file name, length, and their first and last 64 KiB: there is the identifier
+    /// that OpenVDB gives to every file anew.
     pub fn hash<'p>(&self, volume_paths: impl IntoIterator<Item = &'p Path>) -> u64 {
         let mut desc = self.desc.clone();
         desc.render.spp = desc::unplaced(1);
@@ -131,11 +128,9 @@ impl SceneFile {
             let name = volume.file.get_ref().file_name().unwrap_or_default();
             volume.file = desc::unplaced(name.into());
         }
-        let lengths = volume_paths
-            .into_iter()
-            .map(|path| std::fs::metadata(path).map_or(0, |m| m.len()).to_string());
-        let lengths = lengths.collect::<Vec<_>>().join(" ");
-        fnv1a(write::to_toml(&desc, &lengths).as_bytes())
+        let files = volume_paths.into_iter().map(files::fingerprint);
+        let files = files.collect::<Vec<_>>().join(" ");
+        fnv1a(write::to_toml(&desc, &files).as_bytes())
     }
 }
 

@@ -8,8 +8,8 @@ use std::fmt::Write as _;
 use toml::Spanned;
 
 use super::desc::{
-    DensityDesc, EmissionDesc, LightDesc, LightKind, PeakDesc, PhaseDesc, PhaseKind, RenderDesc,
-    ScaleDesc, SceneDesc, VolumeDesc,
+    DensityDesc, EmissionDesc, LightDesc, PeakDesc, PhaseDesc, RenderDesc, ScaleDesc, SceneDesc,
+    VolumeDesc,
 };
 use crate::grid::StorageKind;
 use crate::integrator::IntegratorKind;
@@ -110,7 +110,9 @@ fn push_tracking(out: &mut String, render: &RenderDesc) {
 fn push_volume(out: &mut String, volume: &VolumeDesc) {
     let VolumeDesc {
         file,
+        frame_offset,
         density: DensityDesc { grid, scale },
+        extinction_color,
         albedo,
         emission,
         phase,
@@ -124,24 +126,27 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
     let file = string(&file.get_ref().to_string_lossy());
     let (grid, scale) = (string(grid.get_ref()), number(*scale.get_ref()));
     push(out, format_args!("\n[[volume]]\nfile = {file}"));
+    // Zero: none.
+    if *frame_offset != 0 {
+        push(out, format_args!("frame_offset = {frame_offset}"));
+    }
     let note = "# sigma_t = scale * density, per world unit";
     push(
         out,
         format_args!("density = {{ grid = {grid}, scale = {scale} }} {note}"),
     );
+    if extinction_color != &VolumeDesc::default_extinction_color() {
+        let color = vector(extinction_color);
+        push(out, format_args!("extinction_color = {color}"));
+    }
     push(out, format_args!("albedo = {}", vector(albedo)));
     if let Some(emission) = emission {
         push_emission(out, emission.get_ref());
     }
-    let PhaseDesc { kind, g } = phase.get_ref();
-    let kind = match kind {
-        PhaseKind::Isotropic => "isotropic",
-        PhaseKind::HenyeyGreenstein => "henyey-greenstein",
-    };
-    let g = g
-        .as_ref()
-        .map_or(String::new(), |g| format!(", g = {}", number(*g.get_ref())));
-    push(out, format_args!("phase = {{ type = \"{kind}\"{g} }}"));
+    push(
+        out,
+        format_args!("phase = {}", phase_table(phase.get_ref())),
+    );
     if *encoding.get_ref() != StorageKind::default() {
         let name = encoding.get_ref().name();
         push(out, format_args!("encoding = \"{name}\""));
@@ -167,6 +172,34 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         let rows = matrix.get_ref().each_ref().map(|row| array(row));
         push(out, format_args!("matrix = [{}]", rows.join(", ")));
     }
+}
+
+fn phase_table(phase: &PhaseDesc) -> String {
+    let PhaseDesc {
+        kind,
+        g,
+        gs,
+        first_weight,
+        diameter_micrometres,
+    } = phase;
+    let mut table = format!("{{ type = \"{}\"", kind.name());
+    let mut add = |key: &str, value: String| {
+        write!(table, ", {key} = {value}").expect("writing to a string cannot fail");
+    };
+    if let Some(g) = g {
+        add("g", number(*g.get_ref()));
+    }
+    if let Some(gs) = gs {
+        let [a, b] = gs.get_ref().map(number);
+        add("gs", format!("[{a}, {b}]"));
+    }
+    if let Some(weight) = first_weight {
+        add("first_weight", number(*weight.get_ref()));
+    }
+    if let Some(diameter) = diameter_micrometres {
+        add("diameter_micrometres", number(*diameter.get_ref()));
+    }
+    table + " }"
 }
 
 fn push_emission(out: &mut String, emission: &EmissionDesc) {
@@ -219,26 +252,50 @@ fn push_light(out: &mut String, light: &LightDesc) {
         irradiance,
         angular_diameter_degrees,
         radiance,
+        file,
+        scale,
+        rotate_degrees,
+        up,
+        turbidity,
+        sun_elevation_degrees,
+        sun_azimuth_degrees,
+        ground_albedo,
+        position,
+        intensity,
+        radius,
     } = light;
-    let kind = match kind {
-        LightKind::Distant => "distant",
-        LightKind::Constant => "constant",
-    };
-    push(out, format_args!("\n[[light]]\ntype = \"{kind}\""));
-    if let Some(d) = direction_to_light {
-        push(out, format_args!("direction_to_light = {}", vector(d)));
+    push(out, format_args!("\n[[light]]\ntype = \"{}\"", kind.name()));
+    if let Some(file) = file {
+        let file = string(&file.get_ref().to_string_lossy());
+        push(out, format_args!("file = {file}"));
     }
-    if let Some(e) = irradiance {
-        push(out, format_args!("irradiance = {}", vector(e)));
+    let numbers = [
+        ("scale", scale),
+        ("rotate_degrees", rotate_degrees),
+        ("turbidity", turbidity),
+        ("sun_elevation_degrees", sun_elevation_degrees),
+        ("sun_azimuth_degrees", sun_azimuth_degrees),
+        ("radius", radius),
+        ("angular_diameter_degrees", angular_diameter_degrees),
+    ];
+    let vectors = [
+        ("up", up),
+        ("position", position),
+        ("direction_to_light", direction_to_light),
+        ("irradiance", irradiance),
+        ("intensity", intensity),
+        ("radiance", radiance),
+        ("ground_albedo", ground_albedo),
+    ];
+    for (key, value) in vectors {
+        if let Some(value) = value {
+            push(out, format_args!("{key} = {}", vector(value)));
+        }
     }
-    if let Some(d) = angular_diameter_degrees {
-        push(
-            out,
-            format_args!("angular_diameter_degrees = {}", number(*d.get_ref())),
-        );
-    }
-    if let Some(l) = radiance {
-        push(out, format_args!("radiance = {}", vector(l)));
+    for (key, value) in numbers {
+        if let Some(value) = value {
+            push(out, format_args!("{key} = {}", number(*value.get_ref())));
+        }
     }
 }
 

@@ -35,6 +35,8 @@ pub struct Survey {
     /// Mean number of collisions of residual ratio tracking, at a rate of 1, on a ray from a
     /// point of the medium, drawn in proportion to density, outwards.
     pub collisions_per_ray: f32,
+    /// Mean, over the same rays, of the optical depth, by the bricks' means.
+    pub optical_depth: f32,
     /// Mean, over the same rays, of the segments that one bound for all would save.
     pub saved_segments: f32,
     /// Mean of the collisions that it would add, real or not.
@@ -88,7 +90,7 @@ impl Survey {
     pub fn new(medium: &Medium) -> Self {
         let mut stream = Stream::new(StreamKey::default());
         let centres = medium.brick_centres(RAYS);
-        let (mut collisions, mut saved, mut added) = (0.0, 0.0, 0.0);
+        let (mut collisions, mut saved, mut added, mut depth) = (0.0, 0.0, 0.0, 0.0);
         for &centre in &centres {
             // The whole sphere.
             let direction = sample_cone(DVec3::Z, 2.0, &mut stream);
@@ -101,6 +103,7 @@ impl Survey {
                 let length = segment.t1 - segment.t0;
                 saved += 1.0;
                 added -= f64::from(segment.sigma_maj) * length;
+                depth += f64::from(segment.sigma_mean) * length;
                 if !segment.is_homogeneous() {
                     let (_, bound) = residual(&segment);
                     collisions += f64::from(bound) * length;
@@ -114,6 +117,7 @@ impl Survey {
         }
         let mean = |sum: f64| (sum / centres.len().max(1) as f64) as f32;
         Self {
+            optical_depth: mean(depth),
             collisions_per_ray: mean(collisions),
             saved_segments: mean(saved),
             added_collisions: mean(added),

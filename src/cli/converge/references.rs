@@ -7,7 +7,7 @@ use majorant::converge::Reference;
 use majorant::converge::estimator::Estimator;
 use majorant::converge::ladder::{Extent, Record};
 use majorant::converge::results::independent_reference;
-use majorant::output::{self, Provenance};
+use majorant::output::{self, Identity, Provenance, SampleRanges};
 use majorant::scene::Scene;
 
 use super::super::progress::LadderProgress;
@@ -134,10 +134,14 @@ impl Run<'_> {
         let provenance = Provenance {
             camera_from_world: self.scene.camera.camera_from_world(),
             half_size: self.scene.camera.half_size(),
-            spp: u32::try_from(samples).unwrap_or(u32::MAX),
+            identity: Identity {
+                version: env!("CARGO_PKG_VERSION").to_owned(),
+                scene_hash: self.scene_hash,
+                samples: SampleRanges::one(0..samples.max(1)).expect("not empty"),
+                noise_limit: None,
+            },
             seed: self.seed,
             frame: self.scene.frame,
-            scene_hash: self.scene_hash,
             command_line: words.collect::<Vec<_>>().join(" "),
             render_secs: record.measurements.iter().map(|m| m.secs.wall).sum(),
             peak_memory_bytes: memory::peak_bytes(),

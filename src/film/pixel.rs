@@ -1,4 +1,4 @@
-//! Per-pixel mean and second moment, opacity and depth, with sample counts.
+//! Mean and second moment, opacity and depth of one pixel, with the sample count.
 //!
 //! A [`Batch`] sums samples and their squares in `f64`, relative to its first sample: no
 //! division for each sample, and no digits lost where samples vary little about a large mean.
@@ -53,6 +53,56 @@ impl Batch {
         self.depth += sample.depth_weight * sample.depth;
     }
 
+    /// Adds `count` samples of one radiance that hit nothing, to no others or to such.
+    pub fn add_constant(&mut self, radiance: Rgb, count: u64) {
+        debug_assert!(
+            self.count == 0 || self.origin == radiance.0.map(f64::from),
+            "the pixel saw something else"
+        );
+        self.origin = radiance.0.map(f64::from);
+        self.count += count;
+    }
+
+    /// Returns how many samples were added.
+    pub fn count(&self) -> u64 {
+        self.count
+    }
+
+    /// Returns all there is as bits, for a checkpoint.
+    pub(super) fn to_words(self) -> [u64; Self::WORDS] {
+        let Self {
+            count,
+            origin: o,
+            sum: s,
+            squares: q,
+            opacity,
+            depth_weight,
+            depth,
+        } = self;
+        let [a, b, c] = [o, s, q].map(|v| v.map(f64::to_bits));
+        let [opacity, weight, depth] = [opacity, depth_weight, depth].map(f64::to_bits);
+        [
+            count, a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1], c[2], opacity, weight, depth,
+        ]
+    }
+
+    /// Returns what [`Self::to_words`] was made of.
+    pub(super) fn from_words(words: [u64; Self::WORDS]) -> Self {
+        let f = |i: usize| f64::from_bits(words[i]);
+        Self {
+            count: words[0],
+            origin: [1, 2, 3].map(f),
+            sum: [4, 5, 6].map(f),
+            squares: [7, 8, 9].map(f),
+            opacity: f(10),
+            depth_weight: f(11),
+            depth: f(12),
+        }
+    }
+
+    /// Numbers of eight bytes in a checkpoint.
+    pub(super) const WORDS: usize = 13;
+
     /// Returns the statistics of the samples so far.
     pub fn pixel(&self) -> Pixel {
         if self.count == 0 {
@@ -94,15 +144,6 @@ pub struct Pixel {
 }
 
 impl Pixel {
-    /// Returns `count` samples of one radiance that hit nothing.
-    pub fn constant(radiance: Rgb, count: u64) -> Self {
-        Self {
-            count,
-            mean: radiance.0.map(f64::from),
-            ..Self::default()
-        }
-    }
-
     /// Returns the opacity: one minus the mean transmittance of the camera rays.
     pub fn alpha(&self) -> f64 {
         if self.count == 0 {
@@ -158,61 +199,6 @@ pub struct PixelCost {
     pub values_read: u64,
     /// Tentative collisions that turned out to be with nothing.
     pub null_collisions: u64,
-}
-
-/// A rectangle of pixels, row by row from the top left.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Film {
-    width: u32,
-    height: u32,
-    pixels: Vec<Pixel>,
-}
-
-impl Film {
-    /// Makes an empty film.
-    pub fn new(width: u32, height: u32) -> Self {
-        let len = width as usize * height as usize;
-        Self {
-            width,
-            height,
-            pixels: vec![Pixel::default(); len],
-        }
-    }
-
-    /// Returns the number of columns.
-    pub fn width(&self) -> u32 {
-        self.width
-    }
-
-    /// Returns the number of rows.
-    pub fn height(&self) -> u32 {
-        self.height
-    }
-
-    /// Returns all pixels, row by row from the top.
-    pub fn pixels(&self) -> &[Pixel] {
-        &self.pixels
-    }
-
-    /// Returns all pixels for writing, row by row from the top.
-    pub fn pixels_mut(&mut self) -> &mut [Pixel] {
-        &mut self.pixels
-    }
-
-    /// Returns the mean of the image and its standard error, one entry a channel.
-    pub fn mean(&self) -> ([f64; 3], [f64; 3]) {
-        let n = self.pixels.len() as f64;
-        let mut mean = [0.0; 3];
-        let mut variance = [0.0; 3];
-        for pixel in &self.pixels {
-            let v = pixel.variance_of_mean();
-            for c in 0..3 {
-                mean[c] += pixel.mean[c] / n;
-                variance[c] += v[c] / (n * n);
-            }
-        }
-        (mean, variance.map(f64::sqrt))
-    }
 }
 
 #[cfg(test)]
@@ -302,6 +288,9 @@ mod tests {
             radiance,
             ..Sample::default()
         });
-        assert_eq!(Pixel::constant(radiance, 7), pixel(samples));
+        let mut batch = Batch::default();
+        batch.add_constant(radiance, 3);
+        batch.add_constant(radiance, 4);
+        assert_eq!(batch.pixel(), pixel(samples));
     }
 }

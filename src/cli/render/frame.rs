@@ -1,0 +1,199 @@
+//! Renders one frame, pass by pass, and writes its files.
+
+use std::time::{Duration, Instant};
+
+use majorant::film::Film;
+use majorant::output::{self, Identity, Provenance, SampleRanges};
+use majorant::render::{Frame, Progress};
+
+use super::job::Ready;
+use super::summary::{summarise, warn_of_trouble};
+use super::watch::{Cause, Interruption, Watch};
+use super::work::Work;
+use crate::cli::progress::RenderProgress;
+use crate::cli::stats::{Clock, Stats};
+use crate::cli::{Failure, memory, report};
+
+/// How long a pass over the pixels is to take: short enough that a snapshot shows all of the
+/// picture, long enough that its end, where threads wait for each other, costs nothing.
+const PASS: Duration = Duration::from_secs(2);
+
+/// How a frame ended.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum End {
+    /// It is written.
+    Done,
+    /// A checkpoint is written.
+    Stopped(Cause),
+}
+
+/// Renders a frame and writes its files.
+pub(super) fn render(
+    ready: &Ready,
+    stats: &mut Stats,
+    watch: &mut Watch,
+    resume: bool,
+) -> Result<End, Failure> {
+    let checkpoint = &ready.outputs.checkpoint;
+    let resume = resume.then_some(checkpoint.as_path());
+    let size = [ready.scene.width, ready.scene.height];
+    let mut work = Work::new(&ready.identity, size, ready.region, resume);
+    watch.begin_frame();
+    let mut clock = Clock::start();
+    let begin = Instant::now();
+    let frame = Frame::new(&ready.scene);
+    let mut first_tile_secs = None;
+    let progress = RenderProgress::start(work.counts.camera_rays);
+    let mut step = 1;
+    while let Some(until) = work.next(&frame, step) {
+        let pass_begin = Instant::now();
+        let told = Told {
+            progress: &progress,
+            watch,
+            done: work.counts.camera_rays,
+            total: work.total(),
+        };
+        let pass = frame.advance(&mut work.state, until, &told, watch.flag());
+        work.counts.add(&pass.counts);
+        let waited = (pass_begin - begin).as_secs_f64();
+        first_tile_secs.get_or_insert(waited + pass.first_tile_secs);
+        if pass.complete {
+            step = next_step(step, pass_begin.elapsed());
+        }
+        match watch.interruption() {
+            Some(Interruption::Stop(cause)) if work.next(&frame, 1).is_some() => {
+                work.save(checkpoint).map_err(Failure::failed)?;
+                return Ok(End::Stopped(cause));
+            }
+            Some(Interruption::Checkpoint) => {
+                // The picture itself may still find room.
+                if let Err(e) = work.save(checkpoint) {
+                    tracing::warn!("no checkpoint: {}", report::chain(&e));
+                }
+            }
+            Some(Interruption::Snapshot) => write_snapshot(ready, &work, stats)?,
+            Some(Interruption::Stop(_)) | None => {}
+        }
+    }
+    drop(progress);
+    stats.seconds.first_sample = first_tile_secs.map(|secs| ready.loading.wall + secs);
+    stats.seconds.render = Some(work.render_secs());
+    stats.cpu_seconds.render = clock.lap().cpu;
+    stats.counts.rays = work.counts;
+    stats.peak_memory_bytes = memory::peak_bytes();
+    let film = work.state.film();
+    drop(work);
+    (stats.image_mean, stats.image_standard_error) = film.mean();
+    write(ready, &film, stats)?;
+    remove_checkpoint(ready);
+    Ok(End::Done)
+}
+
+/// Returns how many samples the next pass is to take, after `step` took `elapsed`.
+fn next_step(step: u64, elapsed: Duration) -> u64 {
+    let factor = PASS.as_secs_f64() / elapsed.as_secs_f64().max(1e-9);
+    // No more than four times: the first samples tell little of the next.
+    let wanted = step as f64 * factor.min(4.0);
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "positive, and saturates"
+    )]
+    let wanted = wanted as u64;
+    wanted.max(1)
+}
+
+/// Hears of finished tiles: shows progress, and looks at the clock.
+struct Told<'a> {
+    progress: &'a RenderProgress,
+    watch: &'a Watch,
+    /// Camera rays before this pass.
+    done: u64,
+    /// Camera rays of the whole frame.
+    total: u64,
+}
+
+impl Progress for Told<'_> {
+    fn advance(&self, done: u64, _pass_total: u64) {
+        self.progress.advance(self.done + done, self.total);
+        self.watch.tick();
+    }
+}
+
+fn provenance(ready: &Ready, identity: Identity, stats: &Stats) -> Result<Provenance, Failure> {
+    let command_line: Vec<_> = std::env::args_os().collect();
+    let words = command_line.iter().map(|w| w.to_string_lossy());
+    let scene = &ready.scene;
+    Ok(Provenance {
+        camera_from_world: scene.camera.camera_from_world(),
+        half_size: scene.camera.half_size(),
+        identity,
+        seed: scene.seed,
+        frame: scene.frame,
+        command_line: words.collect::<Vec<_>>().join(" "),
+        render_secs: stats.seconds.render.unwrap_or(0.0),
+        peak_memory_bytes: stats.peak_memory_bytes,
+        stats_json: serde_json::to_string(stats).map_err(Failure::failed)?,
+    })
+}
+
+/// Writes the image so far, with no claim to be the frame.
+fn write_snapshot(ready: &Ready, work: &Work, stats: &Stats) -> Result<(), Failure> {
+    let path = &ready.outputs.snapshot;
+    let next = work.state.next();
+    let end = *next[0].end().max(next[1].end());
+    let Some(samples) = SampleRanges::one(work.state.first()..end) else {
+        return Ok(());
+    };
+    let identity = Identity {
+        samples,
+        ..ready.identity.clone()
+    };
+    let provenance = provenance(ready, identity, stats)?;
+    match output::write_exr(path, &work.state.film(), &provenance) {
+        Ok(()) => tracing::info!("{}: a snapshot", path.display()),
+        Err(e) => tracing::warn!("no snapshot: {}", report::chain(&e)),
+    }
+    Ok(())
+}
+
+/// Writes a frame's files, the image last but for the statistics that tell how long that took.
+fn write(ready: &Ready, film: &Film, stats: &mut Stats) -> Result<(), Failure> {
+    let mut clock = Clock::start();
+    let outputs = &ready.outputs;
+    if let Some(path) = &outputs.preview {
+        output::write_png(path, film).map_err(Failure::failed)?;
+    }
+    if ready.is_part {
+        let provenance = provenance(ready, ready.identity.clone(), stats)?;
+        output::write_float_exr(&outputs.image, film, &provenance).map_err(Failure::failed)?;
+    } else {
+        stats.counts.half_clamped_pixels = output::half_overflow_count(film);
+        let provenance = provenance(ready, ready.identity.clone(), stats)?;
+        output::write_exr(&outputs.image, film, &provenance).map_err(Failure::failed)?;
+    }
+    warn_of_trouble(stats);
+    let lap = clock.lap();
+    stats.seconds.write = Some(lap.wall);
+    stats.cpu_seconds.write = lap.cpu;
+    if let Some(path) = &outputs.stats {
+        let json = serde_json::to_string_pretty(stats).map_err(Failure::failed)?;
+        output::write_text(path, &format!("{json}\n")).map_err(Failure::failed)?;
+    }
+    summarise(&outputs.image, stats);
+    Ok(())
+}
+
+/// Removes what a finished frame no longer needs.
+fn remove_checkpoint(ready: &Ready) {
+    let outputs = &ready.outputs;
+    match std::fs::remove_file(&outputs.checkpoint) {
+        Err(e) if e.kind() != std::io::ErrorKind::NotFound => {
+            tracing::warn!("{}: cannot be removed: {e}", outputs.checkpoint.display());
+        }
+        _ => {}
+    }
+    for path in [&outputs.image, &outputs.checkpoint] {
+        output::remove_remnants(path);
+    }
+}
