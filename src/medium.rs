@@ -12,7 +12,7 @@ use crate::phase::Phase;
 use crate::space::{IndexTransform, Ray};
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 /// A participating medium whose gray extinction follows a density grid.
 #[derive(Clone, Debug)]
@@ -223,6 +223,56 @@ impl Medium {
         Some(LightColumns {
             columns: Columns::new(&self.grid, direction, root_transmittance)?,
         })
+    }
+
+    /// Returns the gradient of the extinction at a point in world space, over a voxel.
+    pub fn gradient(&self, p_world: DVec3) -> Vec3 {
+        let to_world = self.transform.world_from_index().matrix3;
+        let p_index = self.transform.index_from_world().transform_point3(p_world);
+        let mut sampler = self.grid.sampler();
+        let mut difference = |axis: DVec3| {
+            let ahead = sampler.trilinear(p_index + axis * 0.5);
+            ahead - sampler.trilinear(p_index - axis * 0.5)
+        };
+        let index = Vec3::new(
+            difference(DVec3::X),
+            difference(DVec3::Y),
+            difference(DVec3::Z),
+        );
+        // Gradients go by the inverse transpose of the map of points.
+        let gradient = to_world.inverse().transpose() * index.as_dvec3();
+        gradient.as_vec3() * self.sigma_t_per_density
+    }
+
+    /// Returns where the optical depth along `ray` reaches `depth`, and where that of what is left
+    /// is `depth`; `None` if it is less in all.
+    ///
+    /// # Cost
+    /// One step for each voxel cell, until there from either end.
+    pub fn extent(&self, ray: &Ray, depth: f64, counts: &mut Counts) -> Option<(f64, f64)> {
+        let reach = |ray: &Ray, counts: &mut Counts| {
+            let mut left = depth;
+            let mut walk = self.ray(ray, f64::INFINITY);
+            while walk.next_segment().is_some() {
+                let reached = walk.reach_depth(&mut left, counts);
+                if reached.is_some() {
+                    return reached;
+                }
+            }
+            None
+        };
+        let front = reach(ray, counts)?;
+        // Back from beyond the last segment.
+        let mut walk = self.ray(ray, f64::INFINITY);
+        let mut end = front;
+        while let Some(segment) = walk.next_segment() {
+            end = segment.t1;
+        }
+        let back = Ray {
+            origin: ray.at(end),
+            direction: -ray.direction,
+        };
+        reach(&back, counts).map(|t| (front, end - t))
     }
 
     /// Returns the trilinear extinction at a point in world space.

@@ -7,6 +7,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::aov::Aov;
 use crate::emission::Emission;
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
@@ -110,10 +111,7 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
             "the sky is one radiance, and no voxel is in the way",
         );
     }
-    add(
-        "no image channels but R G B A Z, variance, sampleCount",
-        "none are asked for",
-    );
+    add_aovs(&mut add, &scene.aovs);
     match transport.max_bounces {
         None => add(
             "no depth cap",
@@ -251,6 +249,20 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
     if medium.sigma_t_per_density() == 0.0 {
         add("empty medium", "the density scale is 0");
     }
+}
+
+/// Adds which channels an image has.
+fn add_aovs(add: &mut impl FnMut(&str, &str), aovs: &[Aov]) {
+    if aovs.is_empty() {
+        let what = "no image channels but R G B A Z, variance, sampleCount";
+        add(what, "none are asked for");
+        return;
+    }
+    let names: Vec<_> = aovs.iter().map(|aov| aov.name()).collect();
+    add(
+        &format!("output variables: {}", names.join(", ")),
+        "asked for; the others are left out",
+    );
 }
 
 /// Adds what a volume emits.

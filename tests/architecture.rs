@@ -22,6 +22,7 @@ const TABLE: &[(&str, &str)] = &[
     ("noise_limit", ""),
     ("sampling", "sobol space spectrum"),
     ("alias", ""),
+    ("aov", ""),
     ("blackbody", "spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
@@ -31,7 +32,7 @@ const TABLE: &[(&str, &str)] = &[
     ("phase", "space spectrum sampling"),
     ("camera", "space spectrum sampling"),
     ("light", "space spectrum sampling"),
-    ("film", "film space spectrum stats"),
+    ("film", "film aov space spectrum stats"),
     ("field", "grid space spectrum"),
     (
         "emission",
@@ -49,24 +50,24 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene sequence vdb cache grid field blackbody emission medium phase light camera film \
+        "scene sequence vdb cache grid field aov blackbody emission medium phase light camera film \
          space spectrum sampling integrator tracking",
     ),
     (
         "plan",
-        "scene vdb grid emission medium phase light camera space spectrum sampling integrator \
+        "scene vdb grid aov emission medium phase light camera space spectrum sampling integrator \
          tracking",
     ),
     (
         "render",
-        "scene plan silhouette camera integrator film sampling stats light medium space spectrum",
+        "scene plan silhouette camera integrator film aov sampling stats light medium space spectrum",
     ),
     (
         "verify",
         "verify render scene camera integrator tracking medium grid vdb phase light film sampling \
          stats spectrum space",
     ),
-    ("output", "output film camera stats spectrum space"),
+    ("output", "output film aov camera stats spectrum space"),
     ("plot", ""),
     (
         "converge",
@@ -74,7 +75,7 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "cli",
-        "cli space spectrum stats sampling grid vdb cache phase camera light film medium tracking \
+        "cli space spectrum stats sampling aov grid vdb cache phase camera light film medium tracking \
          integrator sequence noise_limit scene plan render output converge verify",
     ),
 ];

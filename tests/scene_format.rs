@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use majorant::aov::Aov;
 use majorant::scene::SceneFile;
 use majorant::scene::desc::{
     CameraDesc, DensityDesc, ImageDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc,
@@ -54,7 +55,7 @@ fn documented(page: &str, key: &str) -> String {
 fn documented_defaults_are_those_of_the_code() {
     let page = documentation();
     let SceneDesc {
-        image: ImageDesc { resolution },
+        image: ImageDesc { resolution, aovs },
         camera:
             CameraDesc {
                 up,
@@ -113,6 +114,7 @@ fn documented_defaults_are_those_of_the_code() {
             "image.resolution",
             format!("{resolution:?}", resolution = resolution.get_ref()),
         ),
+        ("image.aovs", format!("{:?}", aovs.get_ref())),
         ("camera.position", "required".to_owned()),
         ("camera.look_at", "required".to_owned()),
         ("camera.up", format!("{:?}", up.get_ref())),
@@ -246,6 +248,7 @@ fn written_scenes_read_back_equal() {
     assert_eq!(parse(&file.to_toml("header")).desc, file.desc);
     // Everything that is optional, and a name that needs escaping.
     file.desc.render.max_bounces = Some(7);
+    *file.desc.image.aovs.get_mut() = Aov::ALL.to_vec();
     file.desc.render.frame = -3;
     *file.desc.render.distance.get_mut() = DistanceEstimator::Regular;
     *file.desc.render.transmittance.get_mut() = TransmittanceEstimator::ApproxRayMarching;

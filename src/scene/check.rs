@@ -13,17 +13,18 @@ use super::check_emission::CheckedEmission;
 use super::check_light::check_lights;
 use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
-use super::desc::{RenderDesc, SceneDesc, VolumeDesc};
+use super::desc::{ImageDesc, RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
+use crate::aov::{Aov, channel_count};
 use crate::cache::is_cache;
 use crate::camera::Camera;
 use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
-use crate::integrator::{CameraRay, Levers, TransportSettings};
+use crate::integrator::{CameraRay, IntegratorKind, Levers, TransportSettings};
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -49,6 +50,7 @@ pub struct Checked {
     volumes: Vec<CheckedVolume>,
     lights: Lights,
     transport: TransportSettings,
+    aovs: Vec<Aov>,
     render: RenderDesc,
 }
 
@@ -106,7 +108,7 @@ impl SceneFile {
 }
 
 fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<Checked> {
-    let resolution = check_resolution(source, &desc.image.resolution, max_memory_bytes)?;
+    let resolution = check_resolution(source, &desc.image, max_memory_bytes)?;
     let spp = *desc.render.spp.get_ref();
     if spp == 0 {
         let span = desc.render.spp.span();
@@ -133,15 +135,27 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
             max_bounces: desc.render.max_bounces,
             levers: Levers::default(),
         },
+        aovs: check_aovs(source, desc)?,
         render: desc.render.clone(),
     })
 }
 
-fn check_resolution(
-    source: &Source,
-    resolution: &Spanned<[u32; 2]>,
-    max_memory_bytes: u64,
-) -> Check<[u32; 2]> {
+/// Checks that output variables are named once, and that there is an integrator for them.
+fn check_aovs(source: &Source, desc: &SceneDesc) -> Check<Vec<Aov>> {
+    let (span, aovs) = (desc.image.aovs.span(), desc.image.aovs.get_ref());
+    if let Some(twice) = (1..aovs.len()).find(|&i| aovs[..i].contains(&aovs[i])) {
+        let message = format!("aovs has {:?} twice", aovs[twice].name());
+        return Err(source.error(span, message, "each once"));
+    }
+    if !aovs.is_empty() && *desc.render.integrator.get_ref() == IntegratorKind::Analog {
+        let message = "aovs beside the analog integrator, which does not tell light apart";
+        return Err(source.error(span, message, "no aovs, or integrator = \"path\""));
+    }
+    Ok(aovs.clone())
+}
+
+fn check_resolution(source: &Source, image: &ImageDesc, max_memory_bytes: u64) -> Check<[u32; 2]> {
+    let ImageDesc { resolution, aovs } = image;
     let [width, height] = *resolution.get_ref();
     if [width, height]
         .iter()
@@ -151,7 +165,9 @@ fn check_resolution(
         let message = format!("resolution is [{width}, {height}]");
         return Err(source.error(resolution.span(), message, expected));
     }
-    let bytes = u64::from(width) * u64::from(height) * BYTES_PER_PIXEL;
+    // Sums, means, and twice the channel while it is written.
+    let aov_bytes = (8 + 4 + 2 * 4) * channel_count(aovs.get_ref()) as u64;
+    let bytes = u64::from(width) * u64::from(height) * (BYTES_PER_PIXEL + aov_bytes);
     if bytes > max_memory_bytes {
         let message = format!("an image of {width} by {height} pixels takes {bytes} bytes");
         let expected = format!("at most {max_memory_bytes} bytes of memory");
@@ -491,6 +507,7 @@ impl Checked {
             media,
             lights: self.lights,
             transport: self.transport,
+            aovs: self.aovs,
         })
     }
 

@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::aov::Aov;
 use crate::grid::{Storage, StorageKind};
 use crate::integrator::{CameraRay, IntegratorKind};
 use crate::sampling::SamplerKind;
@@ -49,12 +50,15 @@ pub struct SceneDesc {
 pub struct ImageDesc {
     /// Columns and rows.
     pub resolution: Spanned<[u32; 2]>,
+    /// What is written beside the colours.
+    pub aovs: Spanned<Vec<Aov>>,
 }
 
 impl Default for ImageDesc {
     fn default() -> Self {
         Self {
             resolution: unplaced([960, 540]),
+            aovs: unplaced(Vec::new()),
         }
     }
 }

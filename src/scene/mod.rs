@@ -38,6 +38,7 @@ pub use template::SceneTemplate;
 
 use std::path::Path;
 
+use crate::aov::Aov;
 use crate::camera::Camera;
 use crate::integrator::TransportSettings;
 use crate::light::Lights;
@@ -66,6 +67,8 @@ pub struct Scene {
     pub lights: Lights,
     /// Light transport.
     pub transport: TransportSettings,
+    /// What is written beside the colours.
+    pub aovs: Vec<Aov>,
 }
 
 /// A scene file's text and what it says at one frame, not yet checked.

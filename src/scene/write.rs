@@ -30,8 +30,14 @@ pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
     let [width, height] = image.resolution.get_ref();
     push(
         &mut out,
-        format_args!("[image]\nresolution = [{width}, {height}]\n\n[camera]"),
+        format_args!("[image]\nresolution = [{width}, {height}]"),
     );
+    let aovs = image.aovs.get_ref().iter();
+    let aovs: Vec<_> = aovs.map(|aov| string(aov.name())).collect();
+    if !aovs.is_empty() {
+        push(&mut out, format_args!("aovs = [{}]", aovs.join(", ")));
+    }
+    push(&mut out, format_args!("\n[camera]"));
     push(
         &mut out,
         format_args!("position = {}", vector(&camera.position)),
