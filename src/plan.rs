@@ -10,10 +10,12 @@ use serde::Serialize;
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
 };
+use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::sampling::SamplerKind;
 use crate::scene::{LoadedVolume, Scene};
+use crate::spectrum::Rgb;
 use crate::tracking::{BoundsKind, BrickShares, DistanceEstimator, Survey, TransmittanceEstimator};
 
 /// One decision.
@@ -53,17 +55,12 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
     }
     let absorbs = !media.is_empty() && absorbs_only(transport, media);
     match (lights.distant.len(), transport.integrator) {
-        (0, _) => add("no shadow rays", "the scene has no sun"),
+        (0, _) => add("no shadow rays to suns", "the scene has no sun"),
         _ if absorbs => add("no shadow rays", "nothing is scattered towards the camera"),
         (_, IntegratorKind::Path) => add("shadow rays", "towards each sun"),
         (_, IntegratorKind::Analog) => add("no shadow rays", "suns are found by chance"),
     }
-    if lights.environment.is_black() {
-        add("black sky", "the scene has no constant light");
-        if lights.distant.is_empty() {
-            add("black image", "the scene has no light at all");
-        }
-    }
+    add_surroundings(&mut add, lights, transport);
     add("active masks dropped", "rendering reads values only");
     match media.len() {
         1 => add("one medium by itself", "the scene has one volume"),
@@ -80,7 +77,7 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
         );
     } else {
         let surveys: Vec<Survey> = media.iter().map(Survey::new).collect();
-        if transport.integrator == IntegratorKind::Path {
+        if transport.integrator == IntegratorKind::Path && !media.iter().any(Medium::is_chromatic) {
             add_camera_rays(&mut add, transport, &surveys);
         }
         for (i, (medium, survey)) in media.iter().zip(&surveys).enumerate() {
@@ -159,6 +156,59 @@ fn add_unused_grids(add: &mut impl FnMut(&str, &str), volumes: &[LoadedVolume]) 
     }
 }
 
+/// Adds how light is found that is no sun's.
+fn add_surroundings(
+    add: &mut impl FnMut(&str, &str),
+    lights: &Lights,
+    transport: &TransportSettings,
+) {
+    let Lights {
+        distant,
+        environment,
+        maps,
+        local,
+    } = lights;
+    let samples = transport.integrator == IntegratorKind::Path;
+    for map in maps {
+        let share = 100.0 * map.sampled_share();
+        if samples && map.is_sampled() {
+            add(
+                "sky from a map: by shadow rays and by what leaves, in shares by density",
+                &format!("{share:.0} % of its light is above its mean"),
+            );
+        } else {
+            add("sky from a map: by what leaves", "nothing of it is sampled");
+        }
+    }
+    if !local.is_empty() && samples {
+        add(
+            &format!(
+                "{} lights in the scene: one for each scattering",
+                local.len()
+            ),
+            "chosen by intensity and distance",
+        );
+        let (what, why) = if transport.levers.equiangular {
+            (
+                "distances also equiangular",
+                "the light of a near point is found where it is",
+            )
+        } else {
+            ("no equiangular distances", "turned off")
+        };
+        add(what, why);
+    }
+    if environment.is_black() && maps.is_empty() {
+        add(
+            "black sky",
+            "the scene has no constant light and no image of a sky",
+        );
+        if distant.is_empty() && local.is_empty() {
+            add("black image", "the scene has no light at all");
+        }
+    }
+}
+
 /// Adds what is particular to a medium.
 fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &LoadedVolume) {
     let encoding = volume.stored.encoding;
@@ -166,6 +216,13 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
         &format!("values stored as {encoding}"),
         &volume.stored.explain(medium.sigma_t_per_density()),
     );
+    if medium.is_chromatic() {
+        let Rgb([r, g, b]) = medium.tint();
+        add(
+            "three channels in one flight",
+            &format!("the extinction has a colour: {r:.3}, {g:.3}, {b:.3} of the largest"),
+        );
+    }
     match medium.phase() {
         Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
         Phase::HenyeyGreenstein { g: 0.0 } => {
@@ -177,6 +234,7 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
                 "the phase function has a mean cosine",
             );
         }
+        phase => add_other_phase(add, phase),
     }
     if medium.albedo().is_black() {
         add("absorption only", "the albedo is 0");
@@ -206,9 +264,20 @@ fn add_camera_rays(
     };
     let what = match Kernel::new(transport, surveys) {
         Kernel::Expected => "camera rays scatter and escape, by expectation",
-        Kernel::Analog | Kernel::Transmittance => "camera rays scatter or escape, by chance",
+        _ => "camera rays scatter or escape, by chance",
     };
     add(what, &why);
+}
+
+/// Adds the phase functions that are drawn lobe by lobe.
+fn add_other_phase(add: &mut impl FnMut(&str, &str), phase: Phase) {
+    let what = match phase {
+        Phase::Rayleigh => "Rayleigh kernel".to_owned(),
+        Phase::DoubleHenyeyGreenstein { .. } => "kernel of two Henyey-Greenstein lobes".to_owned(),
+        _ => "kernel of droplets: a Henyey-Greenstein lobe and Draine's function".to_owned(),
+    };
+    let why = format!("asked for; the mean cosine is {:.3}", phase.mean_cosine());
+    add(&what, &why);
 }
 
 /// Adds how directions of scattering are drawn where there are suns.

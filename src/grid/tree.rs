@@ -312,6 +312,14 @@ impl<V: Voxel> Tree<V> {
         self.brick_origins = Vec::new();
     }
 
+    /// Makes what is not stored, and what is stored as tiles of the same value and inactive, read as
+    /// `value`.
+    pub fn set_background(&mut self, value: V) {
+        if let Some(tile) = self.tiles.first_mut() {
+            tile.value = value;
+        }
+    }
+
     /// Forgets everything above lower nodes: all that is asked of the tree reads as background.
     pub(super) fn drop_upper(&mut self) {
         self.root = Vec::new();
