@@ -54,7 +54,8 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "plan",
-        "scene vdb grid medium phase light camera space spectrum sampling integrator tracking",
+        "scene vdb grid emission medium phase light camera space spectrum sampling integrator \
+         tracking",
     ),
     (
         "render",
