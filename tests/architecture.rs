@@ -29,9 +29,9 @@ const TABLE: &[(&str, &str)] = &[
     ("grid", "grid space"),
     ("vdb", "vdb grid/brick grid/tree space"),
     ("cache", "cache vdb grid space"),
-    ("phase", "space spectrum sampling"),
+    ("phase", "phase space spectrum sampling"),
     ("camera", "space spectrum sampling"),
-    ("light", "space spectrum sampling"),
+    ("light", "light alias space spectrum sampling"),
     ("film", "film aov space spectrum stats"),
     ("field", "grid space spectrum"),
     (

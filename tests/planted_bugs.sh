@@ -28,6 +28,14 @@ bugs=(
     'expected collision: weight not used up @@ src/tracking/expected.rs @@ self.weight -= w; @@ @@ -'
     'roulette about black @@ src/integrator/primary.rs @@ sky(opacity - weight) + scattered @@ sky(opacity) + scattered @@ -'
     'voxels felt in their own cell only @@ src/grid/occupied.rs @@ visit(around(min, -1.0), around(max, 1.0)) @@ visit(around(min, 0.0), around(max, 1.0)) @@ -'
+    'draine without its square @@ src/phase/draine.rs @@ self.alpha * cos * cos @@ self.alpha * cos @@ -'
+    'lobes swapped @@ src/phase/mod.rs @@ if choice < first_weight { a } else { b } @@ if choice < first_weight { b } else { a } @@ -'
+    'rayleigh without its cube @@ src/phase/mod.rs @@ / 3.0).sinh() @@ / 2.9).sinh() @@ -'
+    'density of the cell beside @@ src/light/environment.rs @@ self.cell_excess(place.row, place.column) @@ self.cell_excess(place.row, place.column / 2) @@ -'
+    'sky met and sampled in full @@ src/integrator/surroundings.rs @@ radiance * (phase / (phase + pdf)) @@ radiance @@ -'
+    'equiangular light in full @@ src/integrator/surroundings.rs @@ probability * (equiangular.pdf(t) + flight) @@ probability * equiangular.pdf(t) @@ -'
+    'sphere of half its solid angle @@ src/light/local.rs @@ (2.0 * PI * one_minus_cos) as f32 @@ (PI * one_minus_cos) as f32 @@ -'
+    'null collisions of one colour @@ src/tracking/chromatic.rs @@ (1.0 - tint * part) * scale @@ (1.0 - part) * scale @@ -'
     'samples share a stream @@ src/sampling.rs @@ mix(hash ^ sample.wrapping_add(GOLDEN)) @@ mix(hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
 )
 # For `--verify` alone: what tests see less directly.
@@ -61,7 +69,7 @@ put_copy() { # bug, or nothing
 }
 run_tests() {
     put_copy "$@"
-    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties 2>&1)
+    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties --test phase_functions --test skies --test lights --test chromatic 2>&1)
 }
 # Debug assertions are off, as for users. A check that does not end in ten minutes counts as failed.
 run_rows() { # checks, bug or nothing

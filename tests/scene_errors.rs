@@ -59,6 +59,7 @@ fn the_scene_all_others_are_made_from_is_right() {
 }
 
 #[test]
+#[expect(clippy::too_many_lines, reason = "a line or three for each mistake")]
 fn every_mistake_is_told_where_it_is_and_what_to_do() {
     let mistakes = [
         // keys and types

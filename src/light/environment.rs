@@ -12,13 +12,14 @@
 //! density is zero the light must therefore come from elsewhere: this is a partner for another
 //! technique in multiple importance sampling, and no sampler of the whole sky by itself.
 //!
-//! Cells are drawn by an alias table `[Walker1977]`: one look for a map of any size.
+//! Cells are drawn by an alias table: one look for a map of any size.
 
 use std::f64::consts::{PI, TAU};
 
 use glam::{DMat3, DQuat, DVec3};
 
 use super::Beacon;
+use crate::alias::AliasTable;
 use crate::sampling::Stream;
 use crate::spectrum::Rgb;
 
@@ -66,22 +67,15 @@ pub struct EnvironmentMap {
     /// `[row][column]`, from the zenith down.
     texels: Vec<Rgb>,
     orientation: Orientation,
-    /// Of the cells, `[row][column]`: one row more than texels, half a row high at the poles. Empty
+    /// Of the cells, `[row][column]`: one row more than texels, half a row high at the poles. `None`
     /// where no cell is brighter than the mean.
-    alias: Vec<Alias>,
+    cells: Option<AliasTable>,
     /// Sum over cells of the luminance above the mean times solid angle.
     excess: f64,
     mean_luminance: f32,
     mean: Rgb,
     usual: Rgb,
     beacon: Beacon,
-}
-
-/// One column of Walker's table: itself below the threshold, another above.
-#[derive(Clone, Copy, Debug)]
-struct Alias {
-    threshold: f32,
-    other: u32,
 }
 
 /// A sample of a map.
@@ -143,7 +137,7 @@ impl EnvironmentMap {
             height,
             texels,
             orientation,
-            alias: Vec::new(),
+            cells: None,
             excess: 0.0,
             mean_luminance: 0.0,
             mean: Rgb::BLACK,
@@ -166,7 +160,7 @@ impl EnvironmentMap {
             }
         });
         map.beacon = map.find_beacon();
-        map.build_alias();
+        map.weigh();
         Ok(map)
     }
 
@@ -193,7 +187,7 @@ impl EnvironmentMap {
 
     /// Returns whether some of the sky is brighter than its mean, so that there is what to sample.
     pub fn is_sampled(&self) -> bool {
-        !self.alias.is_empty()
+        self.cells.is_some()
     }
 
     /// Returns how much of the sky's luminance is above its mean.
@@ -220,17 +214,7 @@ impl EnvironmentMap {
     /// # Cost
     /// Five texels, two random numbers of 64 bits, an arc cosine, a sine and a cosine.
     pub fn sample(&self, stream: &mut Stream) -> Option<MapSample> {
-        let product = u128::from(stream.bits()) * self.alias.len() as u128;
-        #[expect(clippy::cast_possible_truncation, reason = "the two halves")]
-        let (index, rest) = ((product >> 64) as usize, product as u64);
-        // What the choice of a column leaves of the number is uniform again, and all of its bits are
-        // needed where the threshold is small.
-        let alias = self.alias.get(index)?;
-        let chosen = if rest as f64 * (-64.0_f64).exp2() < f64::from(alias.threshold) {
-            index
-        } else {
-            alias.other as usize
-        };
+        let chosen = self.cells.as_ref()?.index(stream.bits());
         let bits = stream.bits();
         let half = |bits: u64| ((bits & 0xffff_ffff) as f64 + 0.5) / 4_294_967_296.0;
         let (u, v) = (half(bits), half(bits >> 32));
@@ -336,7 +320,7 @@ impl EnvironmentMap {
     #[expect(clippy::cast_possible_truncation, reason = "densities are f32")]
     fn pdf(&self, place: Place) -> f32 {
         // Zero: nothing is brighter than the mean, and nothing is drawn.
-        if self.alias.is_empty() {
+        if self.cells.is_none() {
             return 0.0;
         }
         (f64::from(self.cell_excess(place.row, place.column)) / self.excess) as f32
@@ -409,61 +393,20 @@ impl EnvironmentMap {
         }
     }
 
-    /// Builds Walker's table by Vose's two stacks: each column is filled up by another.
-    #[expect(clippy::cast_possible_truncation, reason = "cells are fewer than 2³²")]
-    fn build_alias(&mut self) {
-        // In f64: a sun has millions of times the share of a cell, and gives it away bit by bit.
-        let mut shares: Vec<f64> = Vec::with_capacity(self.width * (self.height + 1));
+    /// Weighs the cells by what they bring above the mean.
+    fn weigh(&mut self) {
+        let mut weights = Vec::with_capacity(self.width * (self.height + 1));
         let mut total = 0.0;
-        let mut most = (0.0, 0);
         self.for_each_cell(|row, column, solid_angle| {
             let part = f64::from(self.cell_excess(row, column)) * solid_angle;
             total += part;
-            if part > most.0 {
-                most = (part, shares.len() as u32);
-            }
-            shares.push(part);
+            #[expect(clippy::cast_possible_truncation, reason = "a weight")]
+            weights.push(part as f32);
         });
-        // Below what rounding makes of a sky that is the same all over.
-        if total <= 1e-6 * f64::from(self.mean_luminance) * 2.0 * TAU {
-            return;
+        // Below, it is what rounding makes of a sky that is the same all over.
+        if total > 1e-6 * f64::from(self.mean_luminance) * 2.0 * TAU {
+            self.excess = total;
+            self.cells = AliasTable::new(&weights);
         }
-        self.excess = total;
-        let scale = shares.len() as f64 / total;
-        let (mut small, mut large) = (Vec::new(), Vec::new());
-        for (i, share) in shares.iter_mut().enumerate() {
-            *share *= scale;
-            let stack = if *share < 1.0 { &mut small } else { &mut large };
-            stack.push(i as u32);
-        }
-        let mut alias: Vec<Alias> = (0..shares.len() as u32)
-            .map(|other| Alias {
-                threshold: 1.0,
-                other,
-            })
-            .collect();
-        while let (Some(&from), Some(to)) = (large.last(), small.pop()) {
-            let share = shares[to as usize];
-            alias[to as usize] = Alias {
-                threshold: share as f32,
-                other: from,
-            };
-            let rest = &mut shares[from as usize];
-            *rest -= 1.0 - share;
-            if *rest < 1.0 {
-                large.pop();
-                small.push(from);
-            }
-        }
-        // What rounding leaves over keeps to itself; a cell of no weight must not be drawn.
-        for i in small {
-            if shares[i as usize] <= 0.0 {
-                alias[i as usize] = Alias {
-                    threshold: 0.0,
-                    other: most.1,
-                };
-            }
-        }
-        self.alias = alias;
     }
 }
