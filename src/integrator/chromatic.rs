@@ -203,7 +203,7 @@ fn scattered_radiance<G: Gather>(
         if settings.max_bounces == Some(bounces) {
             return radiance;
         }
-        throughput *= medium.albedo();
+        throughput *= medium.albedo_at(ray.at(t));
         bounces += 1;
         let worth = throughput.max_channel() * importance;
         if worth < roulette_weight {

@@ -111,7 +111,7 @@ impl Gather for Parts {
 
     fn meet(&mut self, medium: &Medium, p_world: DVec3, weight: f32) {
         self.met += weight;
-        self.albedo += medium.albedo() * weight;
+        self.albedo += medium.albedo_at(p_world) * weight;
         self.normal -= medium.gradient(p_world).normalize_or_zero() * weight;
     }
 }

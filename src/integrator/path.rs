@@ -129,7 +129,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         if settings.max_bounces == Some(bounces) {
             return radiance;
         }
-        throughput *= medium.albedo();
+        throughput *= walk.albedo(t);
         bounces += 1;
 
         let worth = throughput.max_channel() * importance;

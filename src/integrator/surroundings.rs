@@ -309,7 +309,7 @@ impl<'a> Lamps<'a> {
             p,
             arrived: segment.direction,
             phase: medium.phase(),
-            throughput: throughput * medium.tint() * medium.albedo(),
+            throughput: throughput * medium.tint() * medium.albedo_at(p),
         };
         let unoccluded = event.throughput * light.weight * (weight * event.phase(light.direction));
         // First the shadow ray, whose roulette knows what is at stake.

@@ -9,12 +9,14 @@ use std::sync::Arc;
 
 use toml::Spanned;
 
+use super::check_albedo::CheckedAlbedo;
 use super::check_emission::CheckedEmission;
 use super::check_light::check_lights;
 use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
 use super::desc::{ImageDesc, RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
+use super::fields::FieldNames;
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
@@ -22,6 +24,7 @@ use super::{Scene, SceneFile};
 use crate::aov::{Aov, channel_count};
 use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::field::Field;
 use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
 use crate::integrator::{CameraRay, IntegratorKind, Levers, TransportSettings};
@@ -29,7 +32,7 @@ use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::spectrum::Rgb;
-use crate::vdb::{Archive, VdbError};
+use crate::vdb::{Archive, LoadReport, VdbError};
 
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
@@ -64,7 +67,7 @@ struct CheckedVolume {
     sigma_t_per_density: f32,
     /// Of the others, over that.
     tint: Rgb,
-    albedo: Rgb,
+    albedo: CheckedAlbedo,
     phase: Phase,
     emission: Option<CheckedEmission>,
     storage: Storage,
@@ -274,10 +277,6 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         let message = format!("{scale} times {most} is too large an extinction");
         return Err(source.error(extinction_color.span(), message, "a product below 3e38"));
     }
-    if albedo.get_ref().iter().any(|a| !(0.0..=1.0).contains(a)) {
-        let message = format!("albedo is {:?}", albedo.get_ref());
-        return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
-    }
     let max_error = number(source, "storage_error", storage_error)?;
     if max_error < 0.0 {
         let message = format!("storage_error is {max_error}");
@@ -296,7 +295,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         } else {
             Rgb::WHITE
         },
-        albedo: colour(source, "albedo", albedo)?,
+        albedo: CheckedAlbedo::new(source, albedo)?,
         phase: check_phase(source, phase)?,
         emission: emission
             .as_ref()
@@ -379,21 +378,37 @@ impl Checked {
         mut loaded: LoadedVolume,
         options: &LoadOptions,
     ) -> Result<LoadedVolume, SceneError> {
-        loaded.emission = None;
-        let Some(CheckedEmission { names, .. }) = &volume.emission else {
-            return Ok(loaded);
+        let emission = volume.emission.as_ref().map(|emission| &emission.names);
+        loaded.emission = self.field(volume, emission, &mut loaded.report, options)?;
+        let colour = volume.albedo.names();
+        loaded.colour = self.field(volume, colour, &mut loaded.report, options)?;
+        let is_used = |name: &str| {
+            let mut used = emission.into_iter().chain(colour);
+            used.any(|names| names.contain(name))
+        };
+        loaded.unused_grids.retain(|name| !is_used(name));
+        Ok(loaded)
+    }
+
+    /// Loads a field of `volume`, if it has one.
+    fn field(
+        &self,
+        volume: &CheckedVolume,
+        names: Option<&FieldNames>,
+        report: &mut LoadReport,
+        options: &LoadOptions,
+    ) -> Result<Option<Field>, SceneError> {
+        let Some(names) = names else {
+            return Ok(None);
         };
         if is_cache(&volume.path) {
             let message = "a cache file holds one grid, the density";
-            let expected = "the .vdb file";
-            let error = self.source.error(names.at(), message, expected);
+            let error = self.source.error(names.at(), message, "the .vdb file");
             return Err(SceneError::Description(error));
         }
         let archive = Archive::open(&volume.path).map_err(|e| self.at(volume.file.span(), e))?;
-        let field = names.load(&archive, options, &mut loaded.report);
-        loaded.emission = Some(field.map_err(|e| self.placed(names.at(), e))?);
-        loaded.unused_grids.retain(|name| !names.contain(name));
-        Ok(loaded)
+        let field = names.load(&archive, options, report);
+        field.map(Some).map_err(|e| self.placed(names.at(), e))
     }
 
     /// Says where in the scene the file or grid is named that cannot be loaded.
@@ -515,7 +530,7 @@ impl Checked {
         let CheckedVolume {
             ref scale,
             sigma_t_per_density,
-            albedo,
+            ref albedo,
             phase,
             tint,
             ref at,
@@ -523,7 +538,10 @@ impl Checked {
             ..
         } = *checked;
         let grid = Arc::clone(&loaded.grid);
-        let mut medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        let mut medium = Medium::new(grid, sigma_t_per_density, albedo.constant(), phase);
+        if let Some((field, scale)) = loaded.colour.clone().zip(albedo.scale()) {
+            medium = medium.coloured(field, scale);
+        }
         if tint != Rgb::WHITE {
             medium = medium.with_extinction_color(tint);
         }

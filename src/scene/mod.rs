@@ -12,6 +12,7 @@
 //! Every number is checked here, once; whatever follows may rely on it.
 
 mod check;
+mod check_albedo;
 mod check_emission;
 mod check_light;
 mod check_phase;
