@@ -82,6 +82,7 @@
 pub mod cache;
 pub mod camera;
 pub mod converge;
+pub mod farm;
 pub mod film;
 pub mod grid;
 pub mod integrator;
