@@ -20,6 +20,7 @@ const TABLE: &[(&str, &str)] = &[
     ("sobol", ""),
     ("sequence", "sequence"),
     ("noise_limit", ""),
+    ("farm", "farm sequence"),
     ("sampling", "sobol space spectrum"),
     ("alias", ""),
     ("aov", ""),
@@ -76,7 +77,7 @@ const TABLE: &[(&str, &str)] = &[
     (
         "cli",
         "cli space spectrum stats sampling aov grid vdb cache phase camera light film medium tracking \
-         integrator sequence noise_limit scene plan render output converge verify",
+         integrator sequence farm noise_limit scene plan render output converge verify",
     ),
 ];
 

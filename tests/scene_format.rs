@@ -5,8 +5,8 @@ use std::path::Path;
 use majorant::aov::Aov;
 use majorant::scene::SceneFile;
 use majorant::scene::desc::{
-    CameraDesc, DensityDesc, ImageDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc,
-    ScaleDesc, SceneDesc, VolumeDesc,
+    AlbedoDesc, AlbedoGridDesc, CameraDesc, DensityDesc, EmissionDesc, ImageDesc, LightDesc,
+    LightKind, PeakDesc, PhaseDesc, PhaseKind, RenderDesc, ScaleDesc, SceneDesc, VolumeDesc,
 };
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 use toml::Spanned;
@@ -108,6 +108,8 @@ fn documented_defaults_are_those_of_the_code() {
     assert_eq!((first_weight, diameter_micrometres), (&None, &None));
     assert_eq!(*size.get_ref(), ScaleDesc::Uniform(1.0));
     assert_eq!((matrix, emission), (&None, &None));
+    let constant = AlbedoDesc::Constant([0.99, 0.99, 0.99]);
+    assert_eq!(*albedo.get_ref(), constant);
     let integrator = serde_json::to_string(integrator.get_ref()).expect("an enum");
     let shown = [
         (
@@ -277,6 +279,22 @@ fn written_scenes_read_back_equal() {
         },
     );
     *second.extinction_color.get_mut() = [0.1, 1.0, 10.0];
+    *second.albedo.get_mut() = AlbedoDesc::Grid(AlbedoGridDesc {
+        grid: None,
+        grids: Some(["r", "g", "b"].map(str::to_owned)),
+        scale: 0.5,
+    });
+    second.emission = Some(Spanned::new(
+        0..0,
+        EmissionDesc {
+            temperature: Some(Spanned::new(0..0, "heat".to_owned())),
+            scale: Spanned::new(0..0, 1000.0),
+            offset: Some(Spanned::new(0..0, -10.0)),
+            intensity: Some(Spanned::new(0..0, 8.0)),
+            peak: Some(Spanned::new(0..0, PeakDesc::Channel)),
+            ..EmissionDesc::default()
+        },
+    ));
     second.matrix = Some(Spanned::new(0..0, [[1.0, 0.5, 0.0, 2.0]; 4]));
     file.desc.volume.push(Spanned::new(0..0, second));
     assert_eq!(parse(&file.to_toml("two\nlines")).desc, file.desc);
