@@ -220,10 +220,10 @@ fn scattered_radiance(
         radiance += event.surroundings(context, &ray, stream, counts);
         let mut next: Option<DVec3> = None;
         if let Some(guide) = guide {
-            let p = guide.position_of(media, event.p);
+            let beliefs = guide.beliefs(guide.position_of(media, event.p));
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if levers.light_roulette {
-                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
@@ -231,7 +231,7 @@ fn scattered_radiance(
             }
             if levers.guide {
                 let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), p, ray.direction, stream);
+                    guide.sample(medium.phase(), &beliefs, ray.direction, stream);
                 throughput *= weight;
                 importance = guided_importance;
                 next = Some(guided);

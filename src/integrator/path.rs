@@ -149,10 +149,10 @@ pub(super) fn scattered_radiance<'a>(
         };
         let mut next = None;
         if let Some(guide) = guide {
-            let p = guide.position(&walk, t);
+            let beliefs = guide.beliefs(guide.position(&walk, t));
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if light_roulette {
-                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
@@ -160,7 +160,7 @@ pub(super) fn scattered_radiance<'a>(
             }
             if steer {
                 let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), p, direction, stream);
+                    guide.sample(medium.phase(), &beliefs, direction, stream);
                 throughput *= weight;
                 importance = guided_importance;
                 next = Some(guided);
@@ -213,17 +213,15 @@ pub(super) fn scattered_radiance<'a>(
                 continue;
             }
         }
-        match further {
-            Some(further) => t = further,
-            None => {
-                let mut sky = lights.environment;
-                if !lights.maps.is_empty() {
-                    let phase = medium.phase().eval(arrived.dot(direction));
-                    sky += met_maps(lights, direction, phase);
-                }
-                return radiance + throughput * sky;
+        let Some(further) = further else {
+            let mut sky = lights.environment;
+            if !lights.maps.is_empty() {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                sky += met_maps(lights, direction, phase);
             }
-        }
+            return radiance + throughput * sky;
+        };
+        t = further;
     }
 }
 
