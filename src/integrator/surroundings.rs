@@ -192,6 +192,10 @@ pub(super) struct Lamps<'a> {
 impl<'a> Lamps<'a> {
     /// `None` where there is no local light, or nothing that would scatter its light.
     pub(super) fn new(media: &[Medium], lights: &'a Lights, equiangular: bool) -> Option<Self> {
+        let all = &lights.local[..];
+        if all.is_empty() {
+            return None;
+        }
         let mut bounds = Aabb::EMPTY;
         for medium in media {
             medium.for_each_occupied(|corners| {
@@ -200,8 +204,7 @@ impl<'a> Lamps<'a> {
                 }
             });
         }
-        let all = &lights.local[..];
-        if all.is_empty() || bounds.min.x > bounds.max.x {
+        if bounds.min.x > bounds.max.x {
             return None;
         }
         let size = (bounds.max - bounds.min).length();
