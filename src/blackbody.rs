@@ -36,7 +36,7 @@ const STEP: f64 = 5e-9;
 /// Below this nothing is visible: 10⁻⁸ of an ember's luminance at 1000 K.
 const LEAST_KELVIN: f64 = 400.0;
 
-/// XYZ to linear Rec. 709 with its white at D65: the inverse of its primaries `[BT709]`.
+/// XYZ to linear Rec. 709 with its white at D65: the inverse of its primaries `[BT2015]`.
 const RGB_FROM_XYZ: [[f64; 3]; 3] = [
     [
         3.240_969_941_904_521,
@@ -278,9 +278,9 @@ mod tests {
         assert_eq!(radiance(300.0, Brightness::Channel), Rgb::BLACK);
         assert_eq!(radiance(f64::NAN, Brightness::Physical), Rgb::BLACK);
         // The luminance of a black body at the freezing point of platinum, 2,041.4 K, was the
-        // candela: 600,000 cd m⁻².
+        // candela: 600,000 cd m⁻², on a scale of temperature that was 0.1 % off.
         let [_, y, _] = xyz(2_041.4);
-        assert!((683.0 * y / 6e5 - 1.0).abs() < 0.005, "{}", 683.0 * y);
+        assert!((683.0 * y / 6e5 - 1.0).abs() < 0.01, "{}", 683.0 * y);
     }
 
     #[test]

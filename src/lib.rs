@@ -85,6 +85,7 @@ pub mod cache;
 pub mod camera;
 pub mod converge;
 pub mod emission;
+pub mod farm;
 pub mod field;
 pub mod film;
 pub mod grid;

@@ -7,6 +7,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::emission::Emission;
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
 };
@@ -17,6 +18,9 @@ use crate::sampling::SamplerKind;
 use crate::scene::{LoadedVolume, Scene};
 use crate::spectrum::Rgb;
 use crate::tracking::{BoundsKind, BrickShares, DistanceEstimator, Survey, TransmittanceEstimator};
+
+/// Below this, in kelvin, nothing glows visibly: the Draper point.
+const DRAPER: f32 = 798.0;
 
 /// One decision.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -239,10 +243,39 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
     if medium.albedo().is_black() {
         add("absorption only", "the albedo is 0");
     }
+    match medium.emission() {
+        None => add("no emission", "the volume emits nothing"),
+        Some(emission) => add_emission(add, emission),
+    }
     // Zero: nothing to collide with.
     if medium.sigma_t_per_density() == 0.0 {
         add("empty medium", "the density scale is 0");
     }
+}
+
+/// Adds what a volume emits.
+fn add_emission(add: &mut impl FnMut(&str, &str), emission: &Emission) {
+    let radiance = emission.typical_radiance();
+    let why = format!("a line through much of it collects about {radiance:.2}");
+    match emission.glow().kelvin() {
+        None => add("emission from a grid of light", &why),
+        Some([least, most]) => {
+            add(
+                &format!("emission from temperatures of {least:.0} to {most:.0} K"),
+                &why,
+            );
+            if most < DRAPER {
+                add(
+                    "too cold to glow",
+                    "raise the emission's scale: files are in kelvin, 0 to 1 or 0 to 1000",
+                );
+            }
+        }
+    }
+    add(
+        "emission sampled as a light as well",
+        "by its power on a lattice of cells; along rays otherwise",
+    );
 }
 
 /// Adds how the path integrator finds the collisions of camera rays.

@@ -21,6 +21,9 @@ use crate::stats::Counts;
 pub trait Progress: Sync {
     /// `done` of `total` camera rays are finished.
     fn advance(&self, done: u64, total: u64);
+
+    /// A tile that was begun at `begin` is finished, by this thread.
+    fn tile(&self, _begin: Instant) {}
 }
 
 /// Hears nothing.
@@ -131,7 +134,9 @@ impl<'a> Frame<'a> {
             // quarter of the image at a time, and a thread ends up waiting for the other.
             .with_max_len(1)
             .map(|tile| {
+                let begin = Instant::now();
                 let counts = self.render_tile(tile, until, cancel);
+                progress.tile(begin);
                 let rays = counts.camera_rays;
                 let before = done.fetch_add(rays, Ordering::Relaxed);
                 progress.advance(before + rays, total);

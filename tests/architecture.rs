@@ -20,6 +20,7 @@ const TABLE: &[(&str, &str)] = &[
     ("sobol", ""),
     ("sequence", "sequence"),
     ("noise_limit", ""),
+    ("farm", "farm sequence"),
     ("sampling", "sobol space spectrum"),
     ("alias", ""),
     ("blackbody", "spectrum"),
@@ -54,7 +55,8 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "plan",
-        "scene vdb grid medium phase light camera space spectrum sampling integrator tracking",
+        "scene vdb grid emission medium phase light camera space spectrum sampling integrator \
+         tracking",
     ),
     (
         "render",
@@ -74,7 +76,7 @@ const TABLE: &[(&str, &str)] = &[
     (
         "cli",
         "cli space spectrum stats sampling grid vdb cache phase camera light film medium tracking \
-         integrator sequence noise_limit scene plan render output converge verify",
+         integrator sequence farm noise_limit scene plan render output converge verify",
     ),
 ];
 

@@ -344,6 +344,10 @@ fn a_dry_run_says_what_would_be_done_and_does_nothing() {
 /// Four parts of one frame merge to the frame rendered at once, but for the rounding of floats, with
 /// its variance; whatever does not belong together is refused.
 #[test]
+#[expect(
+    clippy::too_many_lines,
+    reason = "one frame in parts, and everything about them"
+)]
 fn parts_merge_to_the_whole() {
     let s = Sequence::new(40);
     let part = |range: &str, more: &[&str]| {
@@ -485,7 +489,7 @@ fn a_noise_limit_is_reached() {
         "-f",
         "24",
         "--noise-limit",
-        "0.02",
+        "0.001",
         "-j",
         "1",
     ];
@@ -516,7 +520,7 @@ fn a_noise_limit_is_reached() {
     }
     // The error of pixels that may see the volume, here those that do.
     let error = (sum / n).sqrt();
-    assert!((0.01..0.03).contains(&error), "{error}");
+    assert!((0.0005..0.0025).contains(&error), "{error}");
     let mut stops = 0;
     for _ in 0..100 {
         let run = limit(&again, &["--resume", "--time-limit", "0.05"]);
@@ -558,12 +562,12 @@ impl Drop for SmallDisk {
 #[expect(clippy::print_stderr, reason = "says why nothing was tested")]
 fn a_full_disk_fails_frames_and_tears_none() {
     let s = Sequence::new(1);
-    let Some(disk) = SmallDisk::new(&s.folder, "400k") else {
+    let Some(disk) = SmallDisk::new(&s.folder, "200k") else {
         eprintln!("skipped: no tmpfs can be mounted here");
         return;
     };
     let filler = format!("{}/filler", disk.0);
-    std::fs::write(&filler, vec![1_u8; 150_000]).expect("room for it");
+    std::fs::write(&filler, vec![1_u8; 160_000]).expect("room for it");
     let output = format!("{}/f.####.exr", disk.0);
     let run = || {
         let base = [
@@ -587,10 +591,7 @@ fn a_full_disk_fails_frames_and_tears_none() {
         .collect();
     assert!(!images.is_empty() && images.len() < 5, "{images:?}");
     for name in &images {
-        assert!(
-            name.ends_with(".exr") && name.starts_with("f."),
-            "{images:?}"
-        );
+        assert!(name.starts_with("f.00"), "no remnants: {images:?}");
         assert!(
             !pixels(&format!("{}/{name}", disk.0)).is_empty(),
             "{name} is whole"
@@ -652,18 +653,17 @@ fn an_interrupted_frame_goes_on_to_the_same_bits() {
             out,
             "--resume",
             "--checkpoint",
-            "0.02",
+            "0.001",
         ]
         .map(str::to_owned)
         .to_vec()
     };
-    let to_strs = |args: &[String]| -> Vec<String> { args.to_vec() };
-    let run_whole = to_strs(&args(&whole));
+    let run_whole = args(&whole);
     let run = majorant(&run_whole.iter().map(String::as_str).collect::<Vec<_>>());
     assert_eq!(code(&run), 0, "{}", stderr(&run));
     let checkpoint = format!("{part}.checkpoint");
     let mut stops = 0;
-    for _ in 0..50 {
+    for _ in 0..5 {
         let mut child = start(&args(&part));
         wait_for(&checkpoint, &mut child);
         std::thread::sleep(Duration::from_millis(120));
@@ -678,6 +678,9 @@ fn an_interrupted_frame_goes_on_to_the_same_bits() {
         assert!(Path::new(&checkpoint).exists(), "a checkpoint is written");
         assert!(!Path::new(&part).exists(), "no image yet");
     }
+    let run_part = args(&part);
+    let run = majorant(&run_part.iter().map(String::as_str).collect::<Vec<_>>());
+    assert_eq!(code(&run), 0, "{}", stderr(&run));
     assert!(
         stops > 0,
         "the run was never interrupted: give it more samples"
@@ -742,7 +745,7 @@ fn a_snapshot_is_written_on_request() {
         "-o",
         &out,
         "--checkpoint",
-        "0.02",
+        "0.001",
     ];
     let args: Vec<String> = args.map(str::to_owned).to_vec();
     let mut child = start(&args);

@@ -38,7 +38,8 @@ Estimators are names joined by + in any order; what is not named is auto:
   free flight  delta, decomposition, regular, closed-form
   shadow rays  ratio, residual-ratio, exact, power-series, approx-ray-marching; transmittance=delta
   bounds       brick, global, hierarchy
-  also         rate=X, flight-rate=X, step=X, analog; all: the most useful dozen
+  also         rate=X, flight-rate=X, step=X, analog; emission-by-chance: fire is no light to
+               draw points from; all: the most useful dozen
 
 Examples:
   majorant converge cloud.toml --estimators delta+ratio,regular+exact,auto --budget 30s
@@ -58,6 +59,26 @@ Examples:
 Parts of other scenes, versions or sizes are refused, and samples that two parts have.
 
 Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input, 4 some frames failed.";
+
+const FARM_EXAMPLES: &str = "\
+Examples:
+  majorant farm slurm fire.toml -f 1001-1100 --chunk 5 --shards 4 -o out/b.####.exr --dir job
+  majorant farm openjd fire.toml -f 1001-1100x2 -o out/b.####.exr --dir job -- --missing hold
+
+Tasks leave alone what is complete and go on with what is not: submit again to resume.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
+
+const COMPARE_EXAMPLES: &str = "\
+Examples:
+  majorant compare cloud.exr reference.exr
+  majorant compare cloud.exr reference.exr -d difference.png --json
+
+Exit codes: 0 done, however large the difference; 2 wrong usage, 3 bad input.";
+
+const COMPLETIONS_EXAMPLES: &str = "\
+Example:
+  majorant completions bash > ~/.local/share/bash-completion/completions/majorant";
 
 const CACHE_EXAMPLES: &str = "\
 Examples:
@@ -105,6 +126,18 @@ pub(super) struct Args {
     /// Print errors only
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
+    /// Also write messages to a file, with times
+    #[arg(long, global = true, value_name = "FILE")]
+    pub(super) log_file: Option<PathBuf>,
+    /// Form of the messages in the file
+    #[arg(
+        long,
+        global = true,
+        value_enum,
+        default_value = "text",
+        requires = "log_file"
+    )]
+    pub(super) log_format: LogFormatArg,
     /// Print the plan and where time goes; twice: more
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub(super) verbose: u8,
@@ -122,6 +155,17 @@ pub(super) enum Command {
     /// Put parts of frames together, from render --samples A..B
     #[command(after_help = MERGE_EXAMPLES)]
     Merge(MergeArgs),
+    /// Write what a farm needs to render a sequence: Open Job Description or Slurm
+    #[command(after_help = FARM_EXAMPLES)]
+    Farm(FarmArgs),
+    /// Measure how far an image is from another
+    #[command(after_help = COMPARE_EXAMPLES)]
+    Compare(CompareArgs),
+    /// Print a completion script for a shell
+    #[command(after_help = COMPLETIONS_EXAMPLES)]
+    Completions(CompletionsArgs),
+    /// Print the manual page, or write one for each command
+    Man(ManArgs),
     /// Compare estimators by error against run time
     #[command(after_help = CONVERGE_EXAMPLES)]
     Converge(Box<ConvergeArgs>),
@@ -161,6 +205,9 @@ pub(super) struct RenderArgs {
     /// Only these samples, as a part to merge: 256..512
     #[arg(long, value_name = "A..B", conflicts_with = "spp", value_parser = parse_samples)]
     pub(super) samples: Option<Range<u32>>,
+    /// Only the I-th (from 0) of N equal parts of the samples, to merge
+    #[arg(long, value_name = "I/N", conflicts_with_all = ["samples", "noise_limit"], value_parser = parse_shard)]
+    pub(super) shard: Option<[u32; 2]>,
     /// Stop at this relative error of the image, such as 0.02
     #[arg(long, value_name = "X", conflicts_with = "samples", value_parser = parse_positive)]
     pub(super) noise_limit: Option<f64>,
@@ -207,9 +254,18 @@ pub(super) struct RenderArgs {
         reason = "absent, without and with a value are three things"
     )]
     pub(super) preview_png: Option<Option<PathBuf>>,
+    /// Rewrite that picture while the image converges: every 5s
+    #[arg(long, value_name = "TIME", requires = "preview_png", value_parser = parse_duration)]
+    pub(super) preview_every: Option<f64>,
+    /// How to say how far it is [default: bar on a terminal, else lines]
+    #[arg(long, value_enum)]
+    pub(super) progress: Option<ProgressArg>,
     /// Write times, counts and memory as JSON
     #[arg(long, value_name = "FILE")]
     pub(super) stats_json: Option<PathBuf>,
+    /// Write what ran when, as JSON for Chrome's tracing or Perfetto
+    #[arg(long, value_name = "FILE")]
+    pub(super) trace: Option<PathBuf>,
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
@@ -250,6 +306,23 @@ impl BatchArgs {
     pub(super) fn frames(&self) -> Option<&FrameRange> {
         self.frames.as_ref().or(self.frames_openjd.as_ref())
     }
+}
+
+/// Who reads how far a render is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum ProgressArg {
+    Bar,
+    Lines,
+    Alf,
+    Openjd,
+    Json,
+}
+
+/// How messages are written to a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(super) enum LogFormatArg {
+    Text,
+    Json,
 }
 
 /// What becomes of a frame whose volume file is missing.
@@ -365,6 +438,92 @@ pub(super) struct MergeArgs {
     #[arg(long, hide = true, value_name = "RANGE", allow_hyphen_values = true,
         conflicts_with = "frames", value_parser = FrameRange::parse_openjd)]
     pub(super) frames_openjd: Option<FrameRange>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct FarmArgs {
+    #[command(subcommand)]
+    pub(super) engine: FarmEngine,
+}
+
+#[derive(Debug, Subcommand)]
+pub(super) enum FarmEngine {
+    /// A template of Open Job Description, and a job bundle for Deadline Cloud
+    Openjd(FarmOptions),
+    /// Batch scripts for Slurm
+    Slurm {
+        #[command(flatten)]
+        options: FarmOptions,
+        /// Also submit them
+        #[arg(long)]
+        submit: bool,
+    },
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct FarmOptions {
+    /// Scene file, or .vdb volumes
+    pub(super) scene: PathBuf,
+    /// Frames: 1001-1100, 1-100x2 (every 2nd), 1,5,9-20
+    #[arg(short, long, value_name = "RANGE", allow_hyphen_values = true)]
+    pub(super) frames: FrameRange,
+    /// Images, with #### for the frame's number
+    #[arg(short, long, value_name = "OUT.exr")]
+    pub(super) output: PathBuf,
+    /// Folder for the files of the job
+    #[arg(long, alias = "bundle", alias = "script-dir", value_name = "DIR")]
+    pub(super) dir: PathBuf,
+    /// Frames of a task
+    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) chunk: u32,
+    /// Parts of each frame's samples, rendered apart and merged
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub(super) shards: u32,
+    /// Samples a pixel
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) spp: Option<u32>,
+    /// Processors of a task
+    #[arg(long, value_name = "N", default_value = "1", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) cpus: u32,
+    /// Memory of a task, for Slurm, such as 8G
+    #[arg(long, value_name = "SIZE")]
+    pub(super) memory: Option<String>,
+    /// Longest time of a task, for Slurm, such as 1:00:00
+    #[arg(long, value_name = "TIME")]
+    pub(super) time: Option<String>,
+    /// The program, as tasks find it
+    #[arg(long, value_name = "PATH", default_value = "majorant")]
+    pub(super) program: String,
+    /// More options of render, after --
+    #[arg(last = true, value_name = "OPTION")]
+    pub(super) arguments: Vec<String>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct CompareArgs {
+    /// Image
+    pub(super) image: PathBuf,
+    /// Image that it should be
+    pub(super) reference: PathBuf,
+    /// Write a picture of the difference: blue is darker than it should be, red brighter
+    #[arg(short, long, value_name = "OUT.png")]
+    pub(super) difference: Option<PathBuf>,
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct CompletionsArgs {
+    /// Shell
+    pub(super) shell: clap_complete::Shell,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ManArgs {
+    /// Folder for majorant.1, majorant-render.1 and so on
+    #[arg(long, value_name = "DIR")]
+    pub(super) dir: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -519,6 +678,16 @@ fn parse_samples(s: &str) -> Result<Range<u32>, String> {
         _ => None,
     }
     .ok_or_else(|| "expected one range A..B, such as 256..512".to_owned())
+}
+
+/// Reads `I/N`.
+fn parse_shard(s: &str) -> Result<[u32; 2], String> {
+    let numbers = s.split_once('/');
+    let numbers = numbers.and_then(|(i, n)| i.parse().ok().zip(n.parse().ok()));
+    match numbers {
+        Some((i, n)) if i < n => Ok([i, n]),
+        _ => Err("expected I/N with I from 0 to N - 1, such as 0/4".to_owned()),
+    }
 }
 
 /// Reads `path.to.key=value`.

@@ -4,7 +4,10 @@
 
 mod args;
 mod cache;
+mod comfort;
+mod compare;
 mod converge;
+mod farm;
 mod info;
 mod json;
 mod memory;
@@ -14,6 +17,7 @@ mod progress;
 mod render;
 mod report;
 mod stats;
+mod trace;
 mod verify;
 
 use std::process::ExitCode;
@@ -91,11 +95,18 @@ impl From<CacheError> for Failure {
 /// Runs the program.
 pub(crate) fn run() -> ExitCode {
     let args = Args::parse();
-    report::start(args.quiet, args.verbose);
+    if let Err(failure) = report::start(&args) {
+        report::failure(&failure);
+        return ExitCode::from(failure.exit_code());
+    }
     let result = match &args.command {
         Command::Render(a) => render::run(a),
         Command::Converge(a) => converge::run(a),
         Command::Merge(a) => merge::run(a),
+        Command::Farm(a) => farm::run(a),
+        Command::Compare(a) => compare::run(a),
+        Command::Completions(a) => comfort::completions(a),
+        Command::Man(a) => comfort::man(a),
         Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),

@@ -2,12 +2,16 @@
 
 use std::error::Error;
 use std::fmt::{self, Write as _};
+use std::fs::OpenOptions;
 use std::io::{IsTerminal as _, Write as _};
+use std::path::Path;
+use std::sync::Arc;
 
 use majorant::scene::DescriptionError;
 use miette::{Diagnostic, GraphicalReportHandler, GraphicalTheme, LabeledSpan, NamedSource};
 use tracing::{Event, Level, Subscriber};
 use tracing_indicatif::IndicatifLayer;
+use tracing_subscriber::Layer;
 use tracing_subscriber::filter::LevelFilter;
 use tracing_subscriber::fmt::format::Writer;
 use tracing_subscriber::fmt::{FmtContext, FormatEvent, FormatFields};
@@ -16,26 +20,63 @@ use tracing_subscriber::registry::LookupSpan;
 use tracing_subscriber::util::SubscriberInitExt as _;
 
 use super::Failure;
+use super::args::{Args, LogFormatArg};
 
 /// Starts logging to stderr: with a progress bar if that is a terminal.
-pub(super) fn start(quiet: bool, verbose: u8) {
-    let level = match (quiet, verbose) {
+///
+/// With `--log-file` also to a file, which has what stderr has without `-q`, with times.
+pub(super) fn start(args: &Args) -> Result<(), Failure> {
+    let level = match (args.quiet, args.verbose) {
         (true, _) => LevelFilter::ERROR,
         (false, 0) => LevelFilter::INFO,
         (false, 1) => LevelFilter::DEBUG,
         (false, _) => LevelFilter::TRACE,
     };
-    let registry = tracing_subscriber::registry().with(level);
+    let file = match &args.log_file {
+        None => None,
+        Some(path) => Some(file_layer(
+            path,
+            args.log_format,
+            level.max(LevelFilter::INFO),
+        )?),
+    };
+    let registry = tracing_subscriber::registry().with(file);
     let lines = tracing_subscriber::fmt::layer()
         .event_format(PlainLine)
         .with_ansi(has_colour());
     if is_terminal() {
         let bars = IndicatifLayer::new();
         let lines = lines.with_writer(bars.get_stderr_writer());
-        registry.with(lines).with(bars).init();
+        registry
+            .with(lines.with_filter(level))
+            .with(bars.with_filter(level))
+            .init();
     } else {
-        registry.with(lines.with_writer(std::io::stderr)).init();
+        let lines = lines.with_writer(std::io::stderr);
+        registry.with(lines.with_filter(level)).init();
     }
+    Ok(())
+}
+
+/// Appends to a file, line by line, so that it can be watched and survives a kill.
+fn file_layer<S>(
+    path: &Path,
+    format: LogFormatArg,
+    level: LevelFilter,
+) -> Result<Box<dyn Layer<S> + Send + Sync>, Failure>
+where
+    S: Subscriber + for<'a> LookupSpan<'a>,
+{
+    let file = OpenOptions::new().create(true).append(true).open(path);
+    let file = file.map_err(|e| Failure::failed(format!("{}: {e}", path.display())))?;
+    let layer = tracing_subscriber::fmt::layer()
+        .with_ansi(false)
+        .with_target(false)
+        .with_writer(Arc::new(file));
+    Ok(match format {
+        LogFormatArg::Text => layer.with_filter(level).boxed(),
+        LogFormatArg::Json => layer.json().with_filter(level).boxed(),
+    })
 }
 
 /// Whether stderr is a terminal.

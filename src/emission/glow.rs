@@ -64,11 +64,12 @@ impl Glow {
         &self.field
     }
 
-    /// Returns the highest temperature, in kelvin, if there are temperatures.
-    pub fn most_kelvin(&self) -> Option<f32> {
+    /// Returns the range of temperatures, in kelvin, if there are any: from next to nothing to the
+    /// field's highest value.
+    pub fn kelvin(&self) -> Option<[f32; 2]> {
         match self.law {
             Law::Direct { .. } => None,
-            Law::Thermal { scale, offset, .. } => Some(scale * self.field.max() + offset),
+            Law::Thermal { scale, offset, .. } => Some([offset, scale * self.field.max() + offset]),
         }
     }
 

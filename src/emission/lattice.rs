@@ -1,9 +1,10 @@
 //! Where the light of a medium comes from: its power on a lattice of cells, for importance.
 //!
 //! The lattice covers the box in which the emission is not known to be zero. The weight of a cell
-//! estimates the mean of what it emits, from eight points in it, and is at least [`LEAST_SHARE`] of
-//! the mean of all cells: no cell is left out for looking dark at eight points, so whatever uses the
-//! weights stays unbiased. Two uses:
+//! estimates what it emits from eight points in it, half by their mean and half by the largest, so
+//! that a small part of it cannot be much brighter than its weight: such parts are fireflies. It is
+//! at least [`LEAST_SHARE`] of the mean of all cells: none is left out for looking dark at eight
+//! points, so whatever uses the weights stays unbiased. Two uses:
 //!
 //! * [`Lattice::sample`]: a point, by cells in proportion to their power.
 //! * [`Lattice::for_each_point`]: points along a ray, in proportion to the weights that it crosses,
@@ -11,7 +12,6 @@
 //!
 //! Weights are those of 4³ to 16³ cells together for the latter: a walk of some ten steps.
 
-use std::f64::consts::PI;
 use std::ops::ControlFlow;
 
 use glam::{DVec3, IVec3};
@@ -184,7 +184,8 @@ impl Lattice {
                 let weights = points
                     .corners()
                     .map(|p| weight(to_world.transform_point3(p)));
-                weights.iter().sum::<f32>() / 8.0
+                let most = weights.into_iter().fold(0.0, f32::max);
+                0.5 * (weights.iter().sum::<f32>() / 8.0 + most)
             })
             .collect();
         let sum: f64 = fine.weights.iter().map(|&w| f64::from(w)).sum();
@@ -218,15 +219,6 @@ impl Lattice {
     /// Returns the integral of the weight over the world.
     pub(super) fn power(&self) -> f64 {
         self.power
-    }
-
-    /// Returns the mean over directions of the radiance that arrives half a diagonal of the box away.
-    pub(super) fn radiance_around(&self) -> f32 {
-        let edges = self.fine.size.as_dvec3() * self.fine.edge();
-        let diagonal = self.transform.world_from_index().transform_vector3(edges);
-        #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
-        let radiance = (self.power / (PI * diagonal.length_squared())) as f32;
-        radiance
     }
 
     pub(super) fn typical(&self) -> Typical {
@@ -318,8 +310,8 @@ impl Lattice {
 }
 
 impl Cells {
-    /// Returns cells of at least eight index units an edge, few of them, that hold the means of
-    /// these.
+    /// Returns cells of at least eight index units an edge, few of them, with weights of these
+    /// together.
     fn coarser(&self) -> Self {
         let by = (1_u32..31).find(|by| {
             let n = (self.size >> *by).max_element();
@@ -335,16 +327,18 @@ impl Cells {
             weights: Vec::new(),
         };
         let count = usize::try_from(coarse.count()).unwrap_or(0);
-        let mut sums = vec![(0.0_f64, 0_u32); count];
+        let mut found = vec![(0.0_f64, 0_u32, 0.0_f32); count];
         for (i, &weight) in self.weights.iter().enumerate() {
             if let Some(at) = coarse.index(self.cell(i) >> by) {
-                sums[at].0 += f64::from(weight);
-                sums[at].1 += 1;
+                let (sum, count, most) = &mut found[at];
+                *sum += f64::from(weight);
+                *count += 1;
+                *most = most.max(weight);
             }
         }
         #[expect(clippy::cast_possible_truncation, reason = "a mean of f32")]
-        let mean = |(sum, count): (f64, u32)| (sum / f64::from(count.max(1))) as f32;
-        coarse.weights = sums.into_iter().map(mean).collect();
+        let mean = |(sum, count, most)| 0.5 * ((sum / f64::from(u32::max(count, 1))) as f32 + most);
+        coarse.weights = found.into_iter().map(mean).collect();
         coarse
     }
 }

@@ -62,12 +62,6 @@ impl Emission {
         self.lattice.typical().radiance
     }
 
-    /// Returns the mean radiance, about, of all directions at a point as far away as the box of the
-    /// field is wide.
-    pub fn radiance_around(&self) -> f32 {
-        self.lattice.radiance_around()
-    }
-
     /// Returns over which length, about, such a line collects it.
     pub fn typical_length(&self) -> f32 {
         self.lattice.typical().length
@@ -108,5 +102,136 @@ impl Emission {
         visit: impl FnMut(f64, f32) -> ControlFlow<()>,
     ) {
         self.lattice.for_each_point(ray, t_max, (spacing, u), visit);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use glam::{DAffine3, DQuat, IVec3};
+    use statrs::distribution::{ChiSquared, ContinuousCDF as _};
+
+    use super::*;
+    use crate::field::Field;
+    use crate::grid::{DensityGrid, Tree};
+    use crate::sampling::StreamKey;
+    use crate::space::IndexTransform;
+
+    /// Lumps in a box of 24³ voxels, turned and stretched.
+    fn emission() -> (Emission, DAffine3) {
+        let at = |i: i32| IVec3::new(i / 576, i / 24 % 24, i % 24);
+        let value = |p: IVec3| {
+            let q = p.as_vec3();
+            (q.x * 0.7).sin() + (q.y * 0.5).cos() * (q.z * 0.3).sin()
+        };
+        let voxels = (0..24 * 24 * 24).map(|i| (at(i), value(at(i)).powi(3)));
+        let tree = Tree::from_voxels(0.0, voxels.filter(|(_, v)| *v > 0.0));
+        let map = DAffine3::from_scale_rotation_translation(
+            DVec3::new(0.1, 0.3, 0.2),
+            DQuat::from_rotation_x(0.6),
+            DVec3::new(1.0, 2.0, 3.0),
+        );
+        let transform = IndexTransform::from_world_from_index(map).expect("a map");
+        let grid = DensityGrid::new(tree, transform, usize::MAX).expect("no limit was set");
+        let glow = Glow::direct(Field::scalar(Arc::new(grid)), Rgb([1.0, 0.5, 0.0]));
+        let emitted = |glow: &Glow, p: DVec3| glow.emitted(p, || Rgb::BLACK);
+        (Emission::new(glow, emitted).expect("it glows"), map)
+    }
+
+    /// Chi-square of 2²⁰ points in 1000 blocks of 4³ voxels against the density, which is constant in
+    /// each voxel cell: a bias of 2 % in a tenth of the points shifts the statistic by 8 standard
+    /// deviations.
+    #[test]
+    fn points_follow_their_density() {
+        let (emission, map) = emission();
+        let n = 1 << 20;
+        let block = |p: DVec3| {
+            let q = (p / 4.0).floor().as_ivec3() + 2;
+            let inside = q.cmpge(IVec3::ZERO).all() && q.cmplt(IVec3::splat(10)).all();
+            inside.then(|| ((q.x * 10 + q.y) * 10 + q.z).unsigned_abs() as usize)
+        };
+        let mut counts = vec![0.0; 1000];
+        let mut stream = Stream::new(StreamKey::default());
+        let to_index = map.inverse();
+        for _ in 0..n {
+            let (p, density) = emission.sample_point(&mut stream);
+            assert!(
+                (density / emission.pdf_point(p) - 1.0).abs() < 1e-6,
+                "at {p}"
+            );
+            let at = block(to_index.transform_point3(p)).expect("inside of the box");
+            counts[at] += 1.0;
+        }
+        let mut expected = vec![0.0; 1000];
+        let volume = map.matrix3.determinant();
+        // From a brick below the first voxel, whose last cells read it, to the end.
+        for i in 0..40 * 40 * 40 {
+            let p = IVec3::new(i / 1600, i / 40 % 40, i % 40).as_dvec3() - 7.5;
+            let at = block(p).expect("inside of the box");
+            let density = emission.pdf_point(map.transform_point3(p));
+            expected[at] += f64::from(n) * volume * f64::from(density);
+        }
+        let total: f64 = expected.iter().sum();
+        assert!(
+            (total / f64::from(n) - 1.0).abs() < 1e-4,
+            "the density integrates to 1: {total}"
+        );
+        let cells = counts.iter().zip(&expected).filter(|(_, e)| **e > 0.0);
+        let chi2: f64 = cells.clone().map(|(c, e)| (c - e).powi(2) / e).sum();
+        let freedom = cells.count() as f64 - 1.0;
+        let p = 1.0 - ChiSquared::new(freedom).expect("cells").cdf(chi2);
+        assert!(
+            p > 1e-4,
+            "chi-square {chi2} of {freedom} degrees of freedom, p {p}"
+        );
+    }
+
+    /// Sums over points along lines against the integral in steps of a fiftieth of a voxel.
+    #[test]
+    fn points_along_rays_add_up_to_integrals() {
+        let (emission, map) = emission();
+        let mut stream = Stream::new(StreamKey::default());
+        for k in 0..4 {
+            let k = f64::from(k);
+            let from = map.transform_point3(DVec3::new(-3.0, 4.0 + 4.0 * k, 9.0));
+            let to = map.transform_point3(DVec3::new(30.0, 17.0 - 3.0 * k, 12.0 + k));
+            let ray = Ray {
+                origin: from,
+                direction: (to - from).normalize_or_zero(),
+            };
+            let t_max = (to - from).length() * 0.8;
+            let value = |t: f64| f64::from(emission.glow().emitted(ray.at(t), || Rgb::BLACK).0[0]);
+            let steps = 2000;
+            let step = t_max / f64::from(steps);
+            let integral: f64 = (0..steps)
+                .map(|i| step * value((f64::from(i) + 0.5) * step))
+                .sum();
+            let n = 200_000;
+            let (mut sum, mut squares) = (0.0, 0.0);
+            for _ in 0..n {
+                let mut found = 0.0;
+                let start = (emission.typical_radiance() / 2.0, stream.uniform());
+                emission.for_each_point(&ray, t_max, start, |t, length| {
+                    assert!(t < t_max, "beyond the end");
+                    found += value(t) * f64::from(length);
+                    ControlFlow::Continue(())
+                });
+                sum += found;
+                squares += found * found;
+            }
+            let mean = sum / f64::from(n);
+            let error = ((squares / f64::from(n) - mean * mean) / f64::from(n)).sqrt();
+            // The steps are good to 1e-3.
+            let off = (mean - integral).abs();
+            assert!(
+                off < 5.0 * error + 1e-3 * integral,
+                "{mean} ± {error} for {integral}"
+            );
+            assert!(
+                error < 0.01 * integral,
+                "a bias of 5 % would be missed: {error}"
+            );
+        }
     }
 }

@@ -302,6 +302,11 @@ impl<V: Voxel> Tree<V> {
         self.active = Vec::new();
     }
 
+    /// Takes the slots of the lower nodes.
+    pub(super) fn take_lower(&mut self) -> Vec<Slot> {
+        std::mem::take(&mut self.lower)
+    }
+
     /// Forgets where each brick lies, which slots know.
     pub(super) fn drop_origins(&mut self) {
         self.brick_origins = Vec::new();

@@ -34,10 +34,10 @@ use crate::spectrum::Rgb;
 use crate::stats::Counts;
 
 /// Points along a camera ray that crosses as much as a typical line through much emission.
-const CAMERA_POINTS: f32 = 16.0;
+const CAMERA_POINTS: f32 = 32.0;
 
 /// Points along a scattered ray, likewise.
-const PATH_POINTS: f32 = 1.0;
+const PATH_POINTS: f32 = 2.0;
 
 /// Weights of paths below which points along them become fewer.
 const LEAST_WEIGHT: f32 = 0.05;
@@ -90,11 +90,6 @@ impl<'a> Emitters<'a> {
     #[inline] // bench: frame
     pub(super) fn is_empty(&self) -> bool {
         self.all.is_empty()
-    }
-
-    /// Returns a radiance that is typical of what a white medium would scatter of the emission.
-    pub(super) fn typical_radiance(&self) -> f32 {
-        self.all.iter().map(|e| e.emission.radiance_around()).sum()
     }
 
     /// Returns an unbiased estimate of the emission that arrives along a camera ray.

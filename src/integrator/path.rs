@@ -46,6 +46,10 @@ const LEAST_CONTRIBUTION: f32 = 0.05;
 /// are noise of timing; the relMSE of a sample 0.0279, 0.0282, 0.0295, 0.0373, 0.06.
 const LEAST_CONTRIBUTION_THIN: f32 = 0.01;
 
+/// Throughputs and transmittances below this play roulette where media emit. It does not depend on
+/// how much light there is: a fire is bright beside itself and lights the dark far from it.
+const LEAST_EMITTED: f32 = 0.05;
+
 /// The guide's root of the transmittance counts for at least this.
 ///
 /// Where its lattice misses a gap, a shadow ray is traced rarely and then weighs much. Measured
@@ -61,8 +65,7 @@ pub(super) fn least_contribution(context: &Context<'_>) -> f32 {
         Kernel::Analog | Kernel::Chromatic | Kernel::Transmittance => LEAST_CONTRIBUTION,
     };
     let lamplight = context.lamps.as_ref().map_or(0.0, Lamps::typical_radiance);
-    let emitted = context.emitters.typical_radiance();
-    share * (context.lights.typical_radiance() + emitted + lamplight)
+    share * (context.lights.typical_radiance() + lamplight)
 }
 
 /// Returns what a contribution of 1 is worth in shadow rays, where no more is known of it.
@@ -174,12 +177,8 @@ pub(super) fn scattered_radiance<'a>(
             radiance += event.surroundings(context, &segment, stream, counts);
         }
         if !emitters.is_empty() {
-            let worth = if light_roulette {
-                least.recip()
-            } else {
-                f32::MAX
-            };
-            radiance += vertex.emitted_light(emitters, worth, stream, counts);
+            let least = if light_roulette { LEAST_EMITTED } else { 0.0 };
+            radiance += vertex.emitted_light(emitters, least, stream, counts);
         }
         counts.scattered_rays += 1;
         let arrived = direction;
@@ -277,31 +276,29 @@ impl Vertex<'_, '_> {
     }
 
     /// Returns an unbiased estimate of emitted light that scatters here towards the camera, from a
-    /// point drawn as of a light; `worth` as of [`direct_light`](Self::direct_light).
+    /// point drawn as of a light. Throughputs and transmittances below `least` play roulette.
     fn emitted_light(
         &self,
         emitters: &Emitters<'_>,
-        worth: f32,
+        least: f32,
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Rgb {
+        let worth = self.throughput.max_channel();
+        if worth < least && stream.uniform() * least >= worth {
+            return Rgb::BLACK;
+        }
         let origin = self.walk.world_position(self.t);
         let phase = self.walk.medium().phase();
         let towards = |direction| phase.eval(self.direction.dot(direction));
         let Some(point) = emitters.sample_light(origin, towards, stream, counts) else {
             return Rgb::BLACK;
         };
-        let unoccluded = self.throughput * point.unoccluded;
-        let worth = unoccluded.max_channel() * worth;
-        if worth < 1.0 && stream.uniform() >= worth {
-            return Rgb::BLACK;
-        }
-        // At least the probability of having come here: zero cannot.
-        let probability = worth.min(1.0);
         counts.shadow_rays += 1;
-        let least = worth.recip().min(1.0);
         let to = (point.direction, point.distance);
-        unoccluded * (self.transmittance(to, least, stream, counts) / probability)
+        let transmittance = self.transmittance(to, least, stream, counts);
+        let probability = if worth < least { worth / least } else { 1.0 };
+        self.throughput * point.unoccluded * (transmittance / probability)
     }
 
     /// Estimates the transmittance towards a direction, up to a distance.

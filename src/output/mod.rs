@@ -20,7 +20,7 @@ use std::path::PathBuf;
 
 pub use attributes::{Identity, Origin, Provenance};
 pub use exr::{half_overflow_count, write_exr, write_float_exr, write_merged_exr};
-pub use png::{srgb_byte, write_png};
+pub use png::{srgb_byte, write_png, write_rgb_png};
 pub use read::{Part, ReadImage, read_exr, read_identity, read_part};
 pub use samples::{SampleRanges, SampleRangesError};
 pub use whole::{check_writable, remove_remnants, write_bytes, write_text, write_with};

@@ -11,16 +11,33 @@ use crate::film::Film;
 /// # Errors
 /// If the folder cannot be made or the file not be written; no part of it is then left.
 pub fn write_png(path: &Path, film: &Film) -> Result<(), OutputError> {
-    let pixels = film.pixels();
-    let bytes: Vec<u8> = pixels.iter().flat_map(|p| p.mean.map(srgb_byte)).collect();
+    let pixels: Vec<_> = film
+        .pixels()
+        .iter()
+        .map(|p| p.mean.map(srgb_byte))
+        .collect();
+    write_rgb_png(path, film.width(), film.height(), &pixels)
+}
+
+/// Writes 8 bit sRGB pixels, row by row from the top.
+///
+/// # Errors
+/// If they are not as many as the size says, the folder cannot be made or the file not be written;
+/// no part of it is then left.
+pub fn write_rgb_png(
+    path: &Path,
+    width: u32,
+    height: u32,
+    pixels: &[[u8; 3]],
+) -> Result<(), OutputError> {
     write_whole(path, |file| {
-        let mut encoder = ::png::Encoder::new(file, film.width(), film.height());
+        let mut encoder = ::png::Encoder::new(file, width, height);
         encoder.set_color(::png::ColorType::Rgb);
         encoder.set_depth(::png::BitDepth::Eight);
         encoder.set_source_srgb(::png::SrgbRenderingIntent::RelativeColorimetric);
         let write = |encoder: ::png::Encoder<'_, _>| {
             let mut writer = encoder.write_header()?;
-            writer.write_image_data(&bytes)?;
+            writer.write_image_data(pixels.as_flattened())?;
             writer.finish()
         };
         write(encoder).map_err(|source| OutputError::Png {

@@ -45,6 +45,13 @@ impl FrameRange {
         &self.0
     }
 
+    /// Returns the frames in parts of `n`, the last perhaps smaller, each in the form of Open Job
+    /// Description.
+    pub fn chunks(&self, n: usize) -> Vec<String> {
+        let chunks = self.0.chunks(n.max(1));
+        chunks.map(|c| Self(c.to_vec()).to_openjd()).collect()
+    }
+
     /// Reads a range in the form that Open Job Description's workers are handed: `1-10:2,15`.
     ///
     /// # Errors

@@ -10,7 +10,9 @@ use super::job::{Job, Jobs, Ready};
 use super::summary::{explanation, report_plan};
 use super::watch::{Cause, Watch};
 use crate::cli::args::RenderArgs;
+use crate::cli::progress::{Place, say_status};
 use crate::cli::stats::{Clock, Stats};
+use crate::cli::trace::Lane;
 use crate::cli::{Failure, report};
 
 /// A run over frames.
@@ -52,7 +54,16 @@ impl<'a> Batch<'a> {
     }
 
     /// Renders all frames, and reports those that failed.
-    pub(super) fn run(mut self) -> Result<(), Failure> {
+    pub(super) fn run(self) -> Result<(), Failure> {
+        let (jobs, args) = (self.jobs, self.args);
+        let result = self.run_frames();
+        if let Some((trace, path)) = jobs.trace().zip(args.trace.as_ref()) {
+            trace.write(path).map_err(Failure::failed)?;
+        }
+        result
+    }
+
+    fn run_frames(mut self) -> Result<(), Failure> {
         let mut ahead = None;
         for (i, &frame) in self.frames.iter().enumerate() {
             if let Some(cause) = self.watch.stop() {
@@ -61,7 +72,12 @@ impl<'a> Batch<'a> {
             let max_memory = self.jobs.max_memory_bytes();
             let job = match ahead.take() {
                 Some(Ok(job)) => Ok(job),
-                Some(Err(_)) | None => self.jobs.prepare(frame, max_memory),
+                Some(Err(_)) | None => self.jobs.prepare(frame, max_memory, Lane::Main),
+            };
+            let place = Place {
+                frame: frame.unwrap_or(0),
+                index: i,
+                count: self.frames.len(),
             };
             let ended = job.and_then(|job| match job {
                 Job::Exists(outputs) => {
@@ -75,8 +91,13 @@ impl<'a> Batch<'a> {
                     Ok(None)
                 }
                 Job::Ready(ready) => {
+                    let place = Place {
+                        frame: ready.scene.frame,
+                        ..place
+                    };
+                    say_status(self.args.progress, place, "rendering");
                     let next = Some(i + 1).filter(|&next| next < self.frames.len());
-                    let (end, loaded) = self.render(*ready, next)?;
+                    let (end, loaded) = self.render(*ready, place, next)?;
                     ahead = loaded;
                     Ok(Some(end))
                 }
@@ -98,6 +119,7 @@ impl<'a> Batch<'a> {
     fn render(
         &mut self,
         ready: Ready,
+        place: Place,
         next: Option<usize>,
     ) -> Result<(End, Option<Result<Job, Failure>>), Failure> {
         let Self {
@@ -122,8 +144,9 @@ impl<'a> Batch<'a> {
         let left = jobs.max_memory_bytes().saturating_sub(ready.memory_bytes());
         let watch = &mut self.watch;
         std::thread::scope(|scope| {
-            let loader = next.map(|next| scope.spawn(move || jobs.prepare(frames[next], left)));
-            let end = frame::render(&ready, &mut stats, watch, args.batch.resume);
+            let loader = next
+                .map(|next| scope.spawn(move || jobs.prepare(frames[next], left, Lane::Loader)));
+            let end = frame::render(&ready, &mut stats, watch, args, place, jobs.trace());
             // A panic there is a bug: it ends the program here as it would have without a thread.
             let loaded = loader.map(|thread| match thread.join() {
                 Ok(job) => job,

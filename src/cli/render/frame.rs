@@ -1,5 +1,6 @@
 //! Renders one frame, pass by pass, and writes its files.
 
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use majorant::film::Film;
@@ -10,13 +11,18 @@ use super::job::Ready;
 use super::summary::{summarise, warn_of_trouble};
 use super::watch::{Cause, Interruption, Watch};
 use super::work::Work;
-use crate::cli::progress::RenderProgress;
+use crate::cli::args::RenderArgs;
+use crate::cli::progress::{Place, RenderProgress};
 use crate::cli::stats::{Clock, Stats};
+use crate::cli::trace::{Lane, Trace};
 use crate::cli::{Failure, memory, report};
 
 /// How long a pass over the pixels is to take: short enough that a snapshot shows all of the
 /// picture, long enough that its end, where threads wait for each other, costs nothing.
 const PASS: Duration = Duration::from_secs(2);
+
+/// Time between two estimates of the image's error, which take about 20 ns a pixel.
+const ERROR_INTERVAL: Duration = Duration::from_secs(5);
 
 /// How a frame ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,33 +38,54 @@ pub(super) fn render(
     ready: &Ready,
     stats: &mut Stats,
     watch: &mut Watch,
-    resume: bool,
+    args: &RenderArgs,
+    place: Place,
+    trace: Option<&Trace>,
 ) -> Result<End, Failure> {
+    let span = |name: &str, begin: Instant| {
+        if let Some(trace) = trace {
+            trace.span(Lane::Main, name.to_owned(), begin);
+        }
+    };
     let checkpoint = &ready.outputs.checkpoint;
-    let resume = resume.then_some(checkpoint.as_path());
+    let resume = args.batch.resume.then_some(checkpoint.as_path());
     let size = [ready.scene.width, ready.scene.height];
     let mut work = Work::new(&ready.identity, size, ready.region, resume);
     watch.begin_frame();
     let mut clock = Clock::start();
     let begin = Instant::now();
     let frame = Frame::new(&ready.scene);
+    span("prepare", begin);
     let mut first_tile_secs = None;
-    let progress = RenderProgress::start(work.counts.camera_rays);
+    let progress = RenderProgress::start(args.progress, place, work.counts.camera_rays);
+    let mut preview = Preview::new(ready, args.preview_every);
+    let mut error_at = begin;
     let mut step = 1;
     while let Some(until) = work.next(&frame, step) {
         let pass_begin = Instant::now();
         let told = Told {
             progress: &progress,
             watch,
+            trace,
             done: work.counts.camera_rays,
             total: work.total(),
         };
         let pass = frame.advance(&mut work.state, until, &told, watch.flag());
         work.counts.add(&pass.counts);
+        span(
+            &format!("pass to sample {}", until[0].max(until[1])),
+            pass_begin,
+        );
         let waited = (pass_begin - begin).as_secs_f64();
         first_tile_secs.get_or_insert(waited + pass.first_tile_secs);
         if pass.complete {
             step = next_step(step, pass_begin.elapsed());
+        }
+        preview.after_pass(&work);
+        if progress.shows_error() && error_at.elapsed() > ERROR_INTERVAL {
+            error_at = Instant::now();
+            let [a, b] = frame.noise(&work.state);
+            progress.set_error(f64::midpoint(a, b));
         }
         match watch.interruption() {
             Some(Interruption::Stop(cause)) if work.next(&frame, 1).is_some() => {
@@ -84,9 +111,40 @@ pub(super) fn render(
     let film = work.state.film();
     drop(work);
     (stats.image_mean, stats.image_standard_error) = film.mean();
+    let write_begin = Instant::now();
     write(ready, &film, stats)?;
+    span("write", write_begin);
+    span(&format!("frame {}", ready.scene.frame), begin);
     remove_checkpoint(ready);
     Ok(End::Done)
+}
+
+/// The picture that is rewritten while the image converges.
+struct Preview<'a> {
+    path: Option<&'a Path>,
+    interval: Duration,
+    last: Instant,
+}
+
+impl<'a> Preview<'a> {
+    fn new(ready: &'a Ready, every: Option<f64>) -> Self {
+        let interval = every.and_then(|secs| Duration::try_from_secs_f64(secs).ok());
+        Self {
+            path: interval.and(ready.outputs.preview.as_deref()),
+            interval: interval.unwrap_or_default(),
+            last: Instant::now(),
+        }
+    }
+
+    fn after_pass(&mut self, work: &Work) {
+        let Some(path) = self.path.filter(|_| self.last.elapsed() >= self.interval) else {
+            return;
+        };
+        if let Err(e) = output::write_png(path, &work.state.film()) {
+            tracing::warn!("no preview: {}", report::chain(&e));
+        }
+        self.last = Instant::now();
+    }
 }
 
 /// Returns how many samples the next pass is to take, after `step` took `elapsed`.
@@ -107,6 +165,7 @@ fn next_step(step: u64, elapsed: Duration) -> u64 {
 struct Told<'a> {
     progress: &'a RenderProgress,
     watch: &'a Watch,
+    trace: Option<&'a Trace>,
     /// Camera rays before this pass.
     done: u64,
     /// Camera rays of the whole frame.
@@ -117,6 +176,12 @@ impl Progress for Told<'_> {
     fn advance(&self, done: u64, _pass_total: u64) {
         self.progress.advance(self.done + done, self.total);
         self.watch.tick();
+    }
+
+    fn tile(&self, begin: Instant) {
+        if let Some(trace) = self.trace {
+            trace.span(Lane::here(), "tile".to_owned(), begin);
+        }
     }
 }
 

@@ -1,6 +1,8 @@
 //! One frame of a batch, from its number to a scene that is loaded.
 
+use std::ops::Range;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 use majorant::film::Region;
 use majorant::output::{Identity, SampleRanges, read_identity};
@@ -15,6 +17,7 @@ use super::stages::Stages;
 use super::targets::{Outputs, Targets};
 use crate::cli::args::{MissingArg, RenderArgs};
 use crate::cli::stats::{Clock, Lap};
+use crate::cli::trace::{Lane, Trace};
 use crate::cli::{Failure, report};
 
 /// What makes frames ready to render; shared between the thread that renders and the one that
@@ -24,6 +27,7 @@ pub(super) struct Jobs<'a> {
     template: SceneTemplate,
     targets: Targets,
     max_memory_bytes: u64,
+    trace: Option<Trace>,
     /// Of a bare volume: it was loaded to choose its look, and is the first frame's.
     chosen: Mutex<Option<(LoadedVolume, Stages)>>,
     /// The volumes of the last frame that was loaded, which the next may share, each with the key
@@ -86,6 +90,7 @@ impl<'a> Jobs<'a> {
             template,
             targets,
             max_memory_bytes: max,
+            trace: args.trace.is_some().then(Trace::start),
             chosen: Mutex::new(volume.map(|volume| (volume, stages))),
             kept: Mutex::default(),
         }
@@ -93,6 +98,10 @@ impl<'a> Jobs<'a> {
 
     pub(super) fn max_memory_bytes(&self) -> u64 {
         self.max_memory_bytes
+    }
+
+    pub(super) fn trace(&self) -> Option<&Trace> {
+        self.trace.as_ref()
     }
 
     pub(super) fn args(&self) -> &RenderArgs {
@@ -111,7 +120,11 @@ impl<'a> Jobs<'a> {
         let checked = file.check(self.max_memory_bytes)?;
         let resolution = *file.desc.image.resolution.get_ref();
         let spp = *file.desc.render.spp.get_ref();
-        let samples = self.args.samples.clone().unwrap_or(0..spp);
+        let samples = match (&self.args.samples, self.args.shard) {
+            (Some(range), _) => range.clone(),
+            (None, Some([i, n])) => shard(spp, i, n)?,
+            (None, None) => 0..spp,
+        };
         let [width, height] = resolution;
         let whole = Region::whole(width, height);
         let region = self.args.crop.unwrap_or(whole);
@@ -143,7 +156,9 @@ impl<'a> Jobs<'a> {
         &self,
         frame: Option<i32>,
         max_memory_bytes: u64,
+        lane: Lane,
     ) -> Result<Job, Failure> {
+        let begin = Instant::now();
         let clock = Clock::start();
         let described = self.describe(frame)?;
         if described.exists(self.args.batch.skip_existing) {
@@ -162,6 +177,10 @@ impl<'a> Jobs<'a> {
         }
         described.outputs.check()?;
         let ready = self.load(described, clock, max_memory_bytes)?;
+        if let Some(trace) = &self.trace {
+            trace.span(lane, format!("load frame {}", ready.scene.frame), begin);
+            ready.stages.trace(trace, lane);
+        }
         Ok(Job::Ready(Box::new(ready)))
     }
 
@@ -193,7 +212,7 @@ impl<'a> Jobs<'a> {
             outputs,
             identity,
             region,
-            is_part: self.args.samples.is_some(),
+            is_part: self.args.samples.is_some() || self.args.shard.is_some(),
             stages,
             loading: clock.lap(),
         })
@@ -218,6 +237,21 @@ impl<'a> Jobs<'a> {
         *locked(&self.kept) = keys.into_iter().zip(volumes.iter().cloned()).collect();
         Ok(volumes)
     }
+}
+
+/// Returns the `i`-th of `n` parts of `spp` samples, as equal as whole numbers are.
+fn shard(spp: u32, i: u32, n: u32) -> Result<Range<u32>, Failure> {
+    let start = |i: u32| {
+        let start = u64::from(spp) * u64::from(i) / u64::from(n);
+        u32::try_from(start).expect("at most spp")
+    };
+    let range = start(i)..start(i + 1);
+    if range.is_empty() {
+        return Err(Failure::Usage(format!(
+            "--shard {i}/{n}: no samples, expected at most {spp} shards of {spp} samples"
+        )));
+    }
+    Ok(range)
 }
 
 /// What a thread that panicked left is whole: nothing is done under the lock but taking and

@@ -24,6 +24,7 @@ pub(super) use stages::Stages;
 use majorant::scene::LoadOptions;
 
 use super::args::RenderArgs;
+use super::progress::say_end;
 use super::stats::Clock;
 use super::{Failure, memory, report};
 use batch::Batch;
@@ -32,6 +33,18 @@ use job::Jobs;
 use targets::Targets;
 
 pub(super) fn run(args: &RenderArgs) -> Result<(), Failure> {
+    let result = run_all(args);
+    match &result {
+        Ok(()) => say_end(args.progress, None),
+        Err(failure) => {
+            let why = report::reason(failure);
+            say_end(args.progress, Some(why.as_deref().unwrap_or("see the log")));
+        }
+    }
+    result
+}
+
+fn run_all(args: &RenderArgs) -> Result<(), Failure> {
     let begin = Clock::start();
     let frames = frames(args);
     let targets = Targets::new(args, frames.len())?;
