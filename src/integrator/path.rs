@@ -16,6 +16,7 @@
 
 use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
+use super::parts::{Gather, Source};
 use super::primary::Kernel;
 use super::surroundings::{Event, Lamps, met_maps};
 use super::{Context, Levers};
@@ -78,15 +79,15 @@ pub(super) fn usual_worth(context: &Context<'_>) -> f32 {
 }
 
 /// Returns an unbiased sample of the radiance that a collision of the camera ray `ray` sends along
-/// it, times `weight`.
-pub(super) fn scattered_radiance<'a>(
+/// it, times `weight`, gathered as the caller wants it.
+pub(super) fn scattered_radiance<'a, G: Gather>(
     context: &Context<'a>,
     met: Met<'a>,
     ray: &Ray,
     weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Rgb {
+) -> G {
     let Context {
         ref media,
         lights,
@@ -113,7 +114,7 @@ pub(super) fn scattered_radiance<'a>(
     let mut direction = ray.direction;
     // Only lamps look back at it.
     let mut segment = *ray;
-    let mut radiance = Rgb::BLACK;
+    let mut radiance = G::default();
     let mut throughput = Rgb::splat(weight);
     let mut importance = 1.0;
     let mut bounces = 0;
@@ -122,12 +123,13 @@ pub(super) fn scattered_radiance<'a>(
         mut walk,
         mut t,
     } = met;
+    radiance.meet(walk.medium(), walk.world_position(t), weight);
     loop {
         let medium = walk.medium();
         if settings.max_bounces == Some(bounces) {
             return radiance;
         }
-        throughput *= medium.albedo();
+        throughput *= walk.albedo(t);
         bounces += 1;
 
         let worth = throughput.max_channel() * importance;
@@ -156,7 +158,8 @@ pub(super) fn scattered_radiance<'a>(
                 } else {
                     f32::MAX
                 };
-                radiance += vertex.direct_light(sun, worth, stream, counts);
+                let light = vertex.direct_light(sun, worth, stream, counts);
+                radiance.add(light, bounces, Source::Sun);
             }
             if steer {
                 let (guided, weight, guided_importance) =
@@ -174,11 +177,12 @@ pub(super) fn scattered_radiance<'a>(
                 phase: medium.phase(),
                 throughput: vertex.throughput,
             };
-            radiance += event.surroundings(context, &segment, stream, counts);
+            event.surroundings(context, &segment, (&mut radiance, bounces), stream, counts);
         }
         if !emitters.is_empty() {
             let least = if light_roulette { LEAST_EMITTED } else { 0.0 };
-            radiance += vertex.emitted_light(emitters, least, stream, counts);
+            let light = vertex.emitted_light(emitters, least, stream, counts);
+            radiance.add(light, bounces, Source::Emission);
         }
         counts.scattered_rays += 1;
         let arrived = direction;
@@ -189,7 +193,8 @@ pub(super) fn scattered_radiance<'a>(
         {
             segment = ray_from(&walk, 0.0, direction);
             let worth = usual_worth(context);
-            radiance += lamps.along(media, &segment, throughput, worth, stream, counts);
+            let light = lamps.along(media, &segment, throughput, worth, stream, counts);
+            radiance.add(light, bounces + 1, Source::Lamp);
         }
         let further = media
             .tracking(index)
@@ -206,7 +211,8 @@ pub(super) fn scattered_radiance<'a>(
             if !emitters.is_empty() {
                 let phase = medium.phase().eval(arrived.dot(direction));
                 let worth = (phase, throughput.max_channel());
-                radiance += throughput * emitters.along(&ray, end, worth, stream, counts);
+                let light = throughput * emitters.along(&ray, end, worth, stream, counts);
+                radiance.add(light, bounces, Source::Emission);
             }
             if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
@@ -219,7 +225,8 @@ pub(super) fn scattered_radiance<'a>(
                 let phase = medium.phase().eval(arrived.dot(direction));
                 sky += met_maps(lights, direction, phase);
             }
-            return radiance + throughput * sky;
+            radiance.add(throughput * sky, bounces, Source::Sky);
+            return radiance;
         };
         t = further;
     }
