@@ -169,6 +169,7 @@ impl Cloud {
             lights: Lights {
                 distant: vec![sun.expect("a direction")],
                 environment: Rgb([0.3, 0.45, 0.75]),
+                ..Lights::default()
             },
             transport: TransportSettings {
                 tracking: Tracking {

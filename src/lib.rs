@@ -47,7 +47,7 @@
 //!     frame: 0,
 //!     camera,
 //!     media: vec![medium],
-//!     lights: Lights { distant: vec![], environment: Rgb::WHITE },
+//!     lights: Lights { environment: Rgb::WHITE, ..Lights::default() },
 //!     transport: Default::default(),
 //! };
 //! let rendered = render(&scene, &NoProgress, &AtomicBool::new(false));
@@ -72,17 +72,21 @@
 //! |---|---|
 //! | foundations | [`space`], [`spectrum`], [`sampling`], [`stats`] |
 //! | storage | [`grid`], filled by [`vdb`] or [`cache`] |
-//! | optics | [`phase`], [`light`], [`camera`], [`medium`] |
+//! | optics | [`phase`], [`light`], [`camera`], [`emission`], [`medium`] |
 //! | estimators | [`tracking`], [`integrator`] |
 //! | frames | [`sequence`], [`scene`], [`plan`], [`render`], [`film`], [`output`] |
 //!
 //! Nothing low knows anything high; a test holds the table in `docs/architecture.md` against the
 //! source.
 
+pub mod alias;
+pub mod blackbody;
 pub mod cache;
 pub mod camera;
 pub mod converge;
+pub mod emission;
 pub mod farm;
+pub mod field;
 pub mod film;
 pub mod grid;
 pub mod integrator;

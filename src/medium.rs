@@ -5,6 +5,7 @@
 
 use std::sync::Arc;
 
+use crate::emission::{Emission, Glow};
 pub use crate::grid::LOOKUP_COST;
 use crate::grid::{Blocks, Bound, Cells, Columns, DensityGrid, Sampler, Traversal, VoxelWalk};
 use crate::phase::Phase;
@@ -20,11 +21,14 @@ pub struct Medium {
     /// The grid's own, moved to where this medium stands.
     transform: IndexTransform,
     sigma_t_per_density: f32,
+    /// Extinction of each channel over that of the largest; white if it is gray.
+    tint: Rgb,
     albedo: Rgb,
     phase: Phase,
     /// World length of the diagonal of one voxel.
     voxel_diagonal: f32,
     blocks: Arc<Blocks>,
+    emission: Option<Arc<Emission>>,
 }
 
 impl Medium {
@@ -58,15 +62,17 @@ impl Medium {
             grid,
             transform,
             sigma_t_per_density,
+            tint: Rgb::WHITE,
             albedo,
             phase,
             voxel_diagonal,
             blocks,
+            emission: None,
         }
     }
 
-    /// Returns this medium moved by `world_from_world`; nothing is copied. `None` if the map
-    /// cannot be inverted.
+    /// Returns this medium moved by `world_from_world`, with what it emits; voxels are not copied.
+    /// `None` if the map cannot be inverted.
     ///
     /// Extinction stays what it is per world unit: a medium of twice the size is twice as thick.
     pub fn moved(&self, world_from_world: DAffine3) -> Option<Self> {
@@ -79,20 +85,91 @@ impl Medium {
             ..
         } = *self;
         let grid = Arc::clone(&self.grid);
-        Some(Self::at(
-            grid,
-            transform,
-            sigma_t_per_density,
-            albedo,
-            phase,
-        ))
+        let moved = Self {
+            tint: self.tint,
+            ..Self::at(grid, transform, sigma_t_per_density, albedo, phase)
+        };
+        Some(match &self.emission {
+            Some(emission) => moved.glowing(emission.glow().moved(world_from_world)?),
+            None => moved,
+        })
     }
 
-    /// Returns a medium of the same grid with other optics; nothing is copied.
+    /// Returns a medium of the same grid with other optics; voxels are not copied.
     #[must_use]
     pub fn with_optics(&self, sigma_t_per_density: f32, albedo: Rgb, phase: Phase) -> Self {
         let grid = Arc::clone(&self.grid);
-        Self::at(grid, self.transform, sigma_t_per_density, albedo, phase)
+        let other = Self {
+            tint: self.tint,
+            ..Self::at(grid, self.transform, sigma_t_per_density, albedo, phase)
+        };
+        match &self.emission {
+            Some(emission) => other.glowing(emission.glow().clone()),
+            None => other,
+        }
+    }
+
+    /// Returns this medium with the extinction of each channel multiplied by that of `color`, which
+    /// must be finite and not negative; nothing is copied.
+    #[must_use]
+    pub fn with_extinction_color(&self, color: Rgb) -> Self {
+        let most = color.max_channel();
+        let sigma_t_per_density = self.sigma_t_per_density * most;
+        let medium = self.with_optics(sigma_t_per_density, self.albedo, self.phase);
+        // Zero: nothing is there, of whatever colour.
+        if most == 0.0 {
+            return medium;
+        }
+        let tint = Rgb(color.0.map(|c| c / most)) * self.tint;
+        Self { tint, ..medium }
+    }
+
+    /// Returns the extinction of each channel over that of the one with the largest, which is
+    /// [`sigma_t`](MediumRay::sigma_t) and its like; white for a gray medium.
+    pub fn tint(&self) -> Rgb {
+        self.tint
+    }
+
+    /// Returns whether the channels differ in their extinction.
+    pub fn is_chromatic(&self) -> bool {
+        self.tint != Rgb::WHITE
+    }
+
+    /// Returns this medium with light of its own.
+    ///
+    /// # Cost
+    /// See [`Emission::new`].
+    #[must_use]
+    pub fn glowing(self, glow: Glow) -> Self {
+        let emission = Emission::new(glow, |glow, p| self.glow_at(glow, p)).map(Arc::new);
+        Self { emission, ..self }
+    }
+
+    /// Returns what the medium emits; `None` if that is nothing.
+    pub fn emission(&self) -> Option<&Emission> {
+        self.emission.as_deref()
+    }
+
+    /// Returns the radiance emitted per unit length at a point in world space.
+    ///
+    /// # Cost
+    /// Eight loads for each grid that it takes.
+    #[inline] // bench: frame
+    pub fn emitted(&self, p_world: DVec3) -> Rgb {
+        match &self.emission {
+            Some(emission) => self.glow_at(emission.glow(), p_world),
+            None => Rgb::BLACK,
+        }
+    }
+
+    #[inline] // bench: frame
+    fn glow_at(&self, glow: &Glow, p_world: DVec3) -> Rgb {
+        glow.emitted(p_world, || {
+            let sigma_t = self.tint * self.sigma_t_at(p_world);
+            Rgb(std::array::from_fn(|c| {
+                (1.0 - self.albedo.0[c]) * sigma_t.0[c]
+            }))
+        })
     }
 
     /// Returns the grid that the extinction follows.
@@ -113,6 +190,9 @@ impl Medium {
         let to_world = self.transform.world_from_index();
         self.grid
             .for_each_occupied(|corners| visit(corners.map(|p| to_world.transform_point3(p))));
+        if let Some(emission) = &self.emission {
+            emission.glow().field().for_each_occupied(visit);
+        }
     }
 
     /// Returns extinction per unit of density, per world unit.
@@ -134,7 +214,8 @@ impl Medium {
     ///
     /// `None` for a medium without density. For importance only: not an unbiased estimate.
     pub fn light_columns(&self, direction: DVec3) -> Option<LightColumns> {
-        let scale = f64::from(self.sigma_t_per_density);
+        let Rgb([r, g, b]) = self.tint;
+        let scale = f64::from(self.sigma_t_per_density * ((r + g + b) / 3.0));
         #[expect(clippy::cast_possible_truncation, reason = "a number in [0, 1]")]
         let root_transmittance = |column: f64| (-0.5 * scale * column).exp() as f32;
         let to_index = self.transform.index_from_world();
@@ -142,6 +223,15 @@ impl Medium {
         Some(LightColumns {
             columns: Columns::new(&self.grid, direction, root_transmittance)?,
         })
+    }
+
+    /// Returns the trilinear extinction at a point in world space.
+    ///
+    /// # Cost
+    /// A search for eight voxels from scratch: a walk knows where it is.
+    pub fn sigma_t_at(&self, p_world: DVec3) -> f32 {
+        let p = self.transform.index_from_world().transform_point3(p_world);
+        self.grid.sampler().trilinear(p) * self.sigma_t_per_density
     }
 
     /// Returns the largest extinction anywhere.

@@ -7,14 +7,20 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::emission::Emission;
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
 };
+use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::sampling::SamplerKind;
 use crate::scene::{LoadedVolume, Scene};
+use crate::spectrum::Rgb;
 use crate::tracking::{BoundsKind, BrickShares, DistanceEstimator, Survey, TransmittanceEstimator};
+
+/// Below this, in kelvin, nothing glows visibly: the Draper point.
+const DRAPER: f32 = 798.0;
 
 /// One decision.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -53,17 +59,12 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
     }
     let absorbs = !media.is_empty() && absorbs_only(transport, media);
     match (lights.distant.len(), transport.integrator) {
-        (0, _) => add("no shadow rays", "the scene has no sun"),
+        (0, _) => add("no shadow rays to suns", "the scene has no sun"),
         _ if absorbs => add("no shadow rays", "nothing is scattered towards the camera"),
         (_, IntegratorKind::Path) => add("shadow rays", "towards each sun"),
         (_, IntegratorKind::Analog) => add("no shadow rays", "suns are found by chance"),
     }
-    if lights.environment.is_black() {
-        add("black sky", "the scene has no constant light");
-        if lights.distant.is_empty() {
-            add("black image", "the scene has no light at all");
-        }
-    }
+    add_surroundings(&mut add, lights, transport);
     add("active masks dropped", "rendering reads values only");
     match media.len() {
         1 => add("one medium by itself", "the scene has one volume"),
@@ -80,7 +81,7 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
         );
     } else {
         let surveys: Vec<Survey> = media.iter().map(Survey::new).collect();
-        if transport.integrator == IntegratorKind::Path {
+        if transport.integrator == IntegratorKind::Path && !media.iter().any(Medium::is_chromatic) {
             add_camera_rays(&mut add, transport, &surveys);
         }
         for (i, (medium, survey)) in media.iter().zip(&surveys).enumerate() {
@@ -159,6 +160,59 @@ fn add_unused_grids(add: &mut impl FnMut(&str, &str), volumes: &[LoadedVolume]) 
     }
 }
 
+/// Adds how light is found that is no sun's.
+fn add_surroundings(
+    add: &mut impl FnMut(&str, &str),
+    lights: &Lights,
+    transport: &TransportSettings,
+) {
+    let Lights {
+        distant,
+        environment,
+        maps,
+        local,
+    } = lights;
+    let samples = transport.integrator == IntegratorKind::Path;
+    for map in maps {
+        let share = 100.0 * map.sampled_share();
+        if samples && map.is_sampled() {
+            add(
+                "sky from a map: by shadow rays and by what leaves, in shares by density",
+                &format!("{share:.0} % of its light is above its mean"),
+            );
+        } else {
+            add("sky from a map: by what leaves", "nothing of it is sampled");
+        }
+    }
+    if !local.is_empty() && samples {
+        add(
+            &format!(
+                "{} lights in the scene: one for each scattering",
+                local.len()
+            ),
+            "chosen by intensity and distance",
+        );
+        let (what, why) = if transport.levers.equiangular {
+            (
+                "distances also equiangular",
+                "the light of a near point is found where it is",
+            )
+        } else {
+            ("no equiangular distances", "turned off")
+        };
+        add(what, why);
+    }
+    if environment.is_black() && maps.is_empty() {
+        add(
+            "black sky",
+            "the scene has no constant light and no image of a sky",
+        );
+        if distant.is_empty() && local.is_empty() {
+            add("black image", "the scene has no light at all");
+        }
+    }
+}
+
 /// Adds what is particular to a medium.
 fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &LoadedVolume) {
     let encoding = volume.stored.encoding;
@@ -166,6 +220,13 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
         &format!("values stored as {encoding}"),
         &volume.stored.explain(medium.sigma_t_per_density()),
     );
+    if medium.is_chromatic() {
+        let Rgb([r, g, b]) = medium.tint();
+        add(
+            "three channels in one flight",
+            &format!("the extinction has a colour: {r:.3}, {g:.3}, {b:.3} of the largest"),
+        );
+    }
     match medium.phase() {
         Phase::Isotropic => add("isotropic kernel", "the phase function is isotropic"),
         Phase::HenyeyGreenstein { g: 0.0 } => {
@@ -177,14 +238,44 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
                 "the phase function has a mean cosine",
             );
         }
+        phase => add_other_phase(add, phase),
     }
     if medium.albedo().is_black() {
         add("absorption only", "the albedo is 0");
+    }
+    match medium.emission() {
+        None => add("no emission", "the volume emits nothing"),
+        Some(emission) => add_emission(add, emission),
     }
     // Zero: nothing to collide with.
     if medium.sigma_t_per_density() == 0.0 {
         add("empty medium", "the density scale is 0");
     }
+}
+
+/// Adds what a volume emits.
+fn add_emission(add: &mut impl FnMut(&str, &str), emission: &Emission) {
+    let radiance = emission.typical_radiance();
+    let why = format!("a line through much of it collects about {radiance:.2}");
+    match emission.glow().kelvin() {
+        None => add("emission from a grid of light", &why),
+        Some([least, most]) => {
+            add(
+                &format!("emission from temperatures of {least:.0} to {most:.0} K"),
+                &why,
+            );
+            if most < DRAPER {
+                add(
+                    "too cold to glow",
+                    "raise the emission's scale: files are in kelvin, 0 to 1 or 0 to 1000",
+                );
+            }
+        }
+    }
+    add(
+        "emission sampled as a light as well",
+        "by its power on a lattice of cells; along rays otherwise",
+    );
 }
 
 /// Adds how the path integrator finds the collisions of camera rays.
@@ -206,9 +297,20 @@ fn add_camera_rays(
     };
     let what = match Kernel::new(transport, surveys) {
         Kernel::Expected => "camera rays scatter and escape, by expectation",
-        Kernel::Analog | Kernel::Transmittance => "camera rays scatter or escape, by chance",
+        _ => "camera rays scatter or escape, by chance",
     };
     add(what, &why);
+}
+
+/// Adds the phase functions that are drawn lobe by lobe.
+fn add_other_phase(add: &mut impl FnMut(&str, &str), phase: Phase) {
+    let what = match phase {
+        Phase::Rayleigh => "Rayleigh kernel".to_owned(),
+        Phase::DoubleHenyeyGreenstein { .. } => "kernel of two Henyey-Greenstein lobes".to_owned(),
+        _ => "kernel of droplets: a Henyey-Greenstein lobe and Draine's function".to_owned(),
+    };
+    let why = format!("asked for; the mean cosine is {:.3}", phase.mean_cosine());
+    add(&what, &why);
 }
 
 /// Adds how directions of scattering are drawn where there are suns.

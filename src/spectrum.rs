@@ -27,6 +27,11 @@ impl Rgb {
         self.0[0].max(self.0[1]).max(self.0[2])
     }
 
+    /// Returns the luminance, Y of CIE 1931 for the primaries of Rec. 709.
+    pub fn luminance(self) -> f32 {
+        0.2126 * self.0[0] + 0.7152 * self.0[1] + 0.0722 * self.0[2]
+    }
+
     /// Returns whether all channels are zero.
     pub fn is_black(self) -> bool {
         self.0 == [0.0; 3]

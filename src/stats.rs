@@ -39,6 +39,8 @@ counts! {
     real_collisions,
     /// Voxel values read at points.
     lookups,
+    /// Points at which what a volume emits was read.
+    emission_lookups,
     /// Voxel cells of eight values each that were integrated exactly.
     voxel_cells,
     /// Values above the bound of their segment. Anything but 0 is a bug: the image is biased.

@@ -22,30 +22,41 @@ const TABLE: &[(&str, &str)] = &[
     ("noise_limit", ""),
     ("farm", "farm sequence"),
     ("sampling", "sobol space spectrum"),
+    ("alias", ""),
+    ("blackbody", "spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
     ("grid", "grid space"),
     ("vdb", "vdb grid/brick grid/tree space"),
     ("cache", "cache vdb grid space"),
-    ("phase", "space spectrum sampling"),
+    ("phase", "phase space spectrum sampling"),
     ("camera", "space spectrum sampling"),
-    ("light", "space spectrum sampling"),
+    ("light", "light alias space spectrum sampling"),
     ("film", "film space spectrum stats"),
-    ("medium", "space spectrum sampling stats phase grid"),
+    ("field", "grid space spectrum"),
+    (
+        "emission",
+        "emission field blackbody alias sampling space spectrum",
+    ),
+    (
+        "medium",
+        "space spectrum sampling stats phase grid emission",
+    ),
     ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),
     (
         "integrator",
-        "integrator tracking medium phase light space spectrum sampling stats",
+        "integrator tracking medium emission phase light space spectrum sampling stats",
     ),
     (
         "scene",
-        "scene sequence vdb cache grid medium phase light camera film space spectrum sampling \
-         integrator tracking",
+        "scene sequence vdb cache grid field blackbody emission medium phase light camera film \
+         space spectrum sampling integrator tracking",
     ),
     (
         "plan",
-        "scene vdb grid medium phase light camera space spectrum sampling integrator tracking",
+        "scene vdb grid emission medium phase light camera space spectrum sampling integrator \
+         tracking",
     ),
     (
         "render",
@@ -93,6 +104,7 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
             "grid/bounds",
             "grid/encoding",
             "grid/values",
+            "emission",
             "verify",
             "cli",
         ],

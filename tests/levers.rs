@@ -36,6 +36,8 @@ fn variants() -> [(&'static str, Levers); 5] {
         guide: false,
         light_roulette: false,
         path_roulette: false,
+        equiangular: false,
+        emission_light: false,
     };
     [
         ("all", all),
@@ -105,6 +107,7 @@ fn scene(grid: &Arc<DensityGrid>, degrees: f64, g: f32, sky: f32) -> Scene {
         lights: Lights {
             distant: vec![sun.expect("a sun")],
             environment: Rgb::splat(sky),
+            ..Lights::default()
         },
         transport: TransportSettings::default(),
     }

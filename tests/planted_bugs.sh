@@ -15,19 +15,27 @@ bugs=(
     'bound x 0.9 @@ src/medium.rs @@ bound.max * scale, @@ bound.max * scale * 0.9, @@ free flight'
     'bounds without the neighbours layer @@ src/grid/bounds.rs @@ side, &mut |v| bound.include(v)); @@ side, &mut |_| ()); @@ free flight'
     'no halo below bricks @@ src/grid/bounds.rs @@ differs |= v != tree.tiles[t].value; @@ differs |= v.is_nan() && t > 0; @@ -'
-    'hg sign in eval @@ src/phase.rs @@ eval_henyey_greenstein(g, 1.0 - cos_theta) @@ eval_henyey_greenstein(g, 1.0 + cos_theta) @@ ball, single scattering'
-    'hg sign in sample @@ src/phase.rs @@ + direction * (1.0 - x) @@ - direction * (1.0 - x) @@ g 0.75 tau 2 normal analog'
+    'hg sign in eval @@ src/phase/mod.rs @@ eval_henyey_greenstein(g, 1.0 - cos_theta) @@ eval_henyey_greenstein(g, 1.0 + cos_theta) @@ ball, single scattering'
+    'hg sign in sample @@ src/phase/mod.rs @@ + direction * (1.0 - x) @@ - direction * (1.0 - x) @@ g 0.75 tau 2 normal analog'
     'albedo counted twice @@ src/integrator/path.rs @@ throughput *= medium.albedo(); @@ throughput *= medium.albedo() * medium.albedo(); @@ albedos path'
     'absorption forgotten @@ src/integrator/path.rs @@ throughput *= medium.albedo(); @@ @@ albedos path'
     'one tap rounds down @@ src/grid/sampler.rs @@ p_index + DVec3::new(u(0), u(21), u(42)) @@ p_index + 0.0 * DVec3::new(u(0), u(21), u(42)) @@ free flight: lone'
     'depth not used up at borders @@ src/tracking/collision.rs @@ depth -= left; @@ @@ free flight: step'
     'roulette without weight @@ src/tracking/transmittance.rs @@ self.weight = self.roulette_weight; @@ @@ transmittance: oblique step'
     'path roulette without weight @@ src/integrator/path.rs @@ throughput *= ROULETTE_WEIGHT / weight; @@ @@ dark slab'
-    'sun disk of twice the radiance @@ src/light.rs @@ 1.0 / (PI * x * (2.0 - x)) @@ 2.0 / (PI * x * (2.0 - x)) @@ first order flux'
+    'sun disk of twice the radiance @@ src/light/distant.rs @@ 1.0 / (PI * x * (2.0 - x)) @@ 2.0 / (PI * x * (2.0 - x)) @@ first order flux'
     'expected collision: always the last @@ src/tracking/expected.rs @@ if left < w { @@ if w > 0.0 { @@ -'
     'expected collision: weight not used up @@ src/tracking/expected.rs @@ self.weight -= w; @@ @@ -'
     'roulette about black @@ src/integrator/primary.rs @@ sky(opacity - weight) + scattered @@ sky(opacity) + scattered @@ -'
     'voxels felt in their own cell only @@ src/grid/occupied.rs @@ visit(around(min, -1.0), around(max, 1.0)) @@ visit(around(min, 0.0), around(max, 1.0)) @@ -'
+    'draine without its square @@ src/phase/draine.rs @@ self.alpha * cos * cos @@ self.alpha * cos @@ -'
+    'lobes swapped @@ src/phase/mod.rs @@ if choice < first_weight { a } else { b } @@ if choice < first_weight { b } else { a } @@ -'
+    'rayleigh without its cube @@ src/phase/mod.rs @@ / 3.0).sinh() @@ / 2.9).sinh() @@ -'
+    'density of the cell beside @@ src/light/environment.rs @@ self.cell_excess(place.row, place.column) @@ self.cell_excess(place.row, place.column / 2) @@ -'
+    'sky met and sampled in full @@ src/integrator/surroundings.rs @@ radiance * (phase / (phase + pdf)) @@ radiance @@ -'
+    'equiangular light in full @@ src/integrator/surroundings.rs @@ probability * (equiangular.pdf(t) + flight) @@ probability * equiangular.pdf(t) @@ -'
+    'sphere of half its solid angle @@ src/light/local.rs @@ (2.0 * PI * one_minus_cos) as f32 @@ (PI * one_minus_cos) as f32 @@ -'
+    'null collisions of one colour @@ src/tracking/chromatic.rs @@ (1.0 - tint * part) * scale @@ (1.0 - part) * scale @@ -'
     'samples share a stream @@ src/sampling.rs @@ mix(hash ^ sample.wrapping_add(GOLDEN)) @@ mix(hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
 )
 # For `--verify` alone: what tests see less directly.
@@ -41,7 +49,7 @@ more_bugs=(
     'a cut-off at 1e-9 @@ src/tracking/collision.rs @@ (f64::from(sigma) * length) as f32 @@ (if sigma < 1e-9 { 0.0 } else { f64::from(sigma) * length }) as f32 @@ hidden cut-offs'
     'a cap of 64 bounces @@ src/integrator/path.rs @@ settings.max_bounces == Some(bounces) @@ settings.max_bounces == Some(bounces) || bounces == 64 @@ thousands of bounces: cloud'
     'uniform numbers of 24 bits @@ src/sampling.rs @@ -self.uniform_positive().ln() @@ -(1.0 - self.uniform()).ln() @@ ends of the uniform'
-    'textbook form of Henyey and Greenstein @@ src/phase.rs @@ e * (1.0 - u) * (s + e) / d @@ 1.0 - (1.0 + a * a - s * s) / (2.0 * a) @@ g near'
+    'textbook form of Henyey and Greenstein @@ src/phase/mod.rs @@ e * (1.0 - u) * (s + e) / d @@ 1.0 - (1.0 + a * a - s * s) / (2.0 * a) @@ g near'
     'pixels share their noise @@ src/sampling.rs @@ pixel.wrapping_mul(GOLDEN) @@ (pixel / 2).wrapping_mul(GOLDEN) @@ independent pixels'
 )
 
@@ -61,7 +69,7 @@ put_copy() { # bug, or nothing
 }
 run_tests() {
     put_copy "$@"
-    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties 2>&1)
+    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties --test phase_functions --test skies --test lights --test chromatic 2>&1)
 }
 # Debug assertions are off, as for users. A check that does not end in ten minutes counts as failed.
 run_rows() { # checks, bug or nothing

@@ -224,6 +224,7 @@ fn sun() -> Lights {
     Lights {
         distant: vec![sun],
         environment: Rgb::BLACK,
+        ..Lights::default()
     }
 }
 
@@ -231,6 +232,7 @@ fn sky() -> Lights {
     Lights {
         distant: vec![],
         environment: Rgb([0.3, 0.45, 0.75]),
+        ..Lights::default()
     }
 }
 

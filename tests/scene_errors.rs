@@ -130,6 +130,68 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
             "radiance = [1, 1, 1]\nirradiance = [1, 1, 1]",
         ),
         ("radiance = [0.3, 0.45, 0.75]", "radiance = [nan, 1, 1]"),
+        // lights and phase functions of other types
+        ("type = \"constant\"", "type = \"environment\""),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"environment\"",
+        ),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"environment\"\nfile = \"nowhere.exr\"",
+        ),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"sun-sky\"",
+        ),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"sun-sky\"\nsun_elevation_degrees = -3.0",
+        ),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"sun-sky\"\nsun_elevation_degrees = 30.0\nturbidity = 1.0",
+        ),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"sun-sky\"\nsun_elevation_degrees = 30.0\nground_albedo = [0.2, 0.2, 1.2]",
+        ),
+        (
+            "type = \"constant\"\nradiance = [0.3, 0.45, 0.75]",
+            "type = \"point\"\nintensity = [1, 1, 1]",
+        ),
+        (
+            "type = \"constant\"\nradiance",
+            "type = \"sphere\"\nposition = [0, 0, 0]\nradiance",
+        ),
+        (
+            "type = \"constant\"\nradiance",
+            "type = \"sphere\"\nposition = [0, 0, 0]\nradius = 0.0\nradiance",
+        ),
+        (
+            "phase = { type = \"henyey-greenstein\"",
+            "phase = { type = \"droplets\"",
+        ),
+        (
+            "phase = { type = \"henyey-greenstein\", g = 0.85 }",
+            "phase = { type = \"droplets\", diameter_micrometres = 51.0 }",
+        ),
+        (
+            "phase = { type = \"henyey-greenstein\", g = 0.85 }",
+            "phase = { type = \"double-henyey-greenstein\", gs = [0.9, -1.0], first_weight = 0.5 }",
+        ),
+        (
+            "phase = { type = \"henyey-greenstein\", g = 0.85 }",
+            "phase = { type = \"double-henyey-greenstein\", gs = [0.9, -0.4], first_weight = 1.5 }",
+        ),
+        (
+            "albedo = [0.99, 0.99, 0.99]",
+            "albedo = [0.99, 0.99, 0.99]\nextinction_color = [1.0, -1.0, 1.0]",
+        ),
+        (
+            "albedo = [0.99, 0.99, 0.99]",
+            "extinction_color = [1.0, 0.5, 1.0]\nemission = { grid = \"fire\" }",
+        ),
         ("seed = 0", "seed = 0\ncollision_rate = 0.5"),
         ("seed = 0", "seed = 0\ncollision_rate = nan"),
         ("seed = 0", "seed = 0\nmarch_step = 0.0"),

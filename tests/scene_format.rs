@@ -4,8 +4,8 @@ use std::path::Path;
 
 use majorant::scene::SceneFile;
 use majorant::scene::desc::{
-    CameraDesc, DensityDesc, ImageDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, ScaleDesc,
-    SceneDesc, VolumeDesc,
+    CameraDesc, DensityDesc, ImageDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc,
+    ScaleDesc, SceneDesc, VolumeDesc,
 };
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 use toml::Spanned;
@@ -85,7 +85,9 @@ fn documented_defaults_are_those_of_the_code() {
         file: _,
         frame_offset,
         density: DensityDesc { grid, scale },
+        extinction_color,
         albedo,
+        emission,
         phase,
         encoding,
         storage_error,
@@ -94,10 +96,17 @@ fn documented_defaults_are_those_of_the_code() {
         scale: size,
         matrix,
     } = volume[0].get_ref();
-    let PhaseDesc { kind, g } = phase.get_ref();
-    assert_eq!((*kind, g), (PhaseKind::Isotropic, &None));
+    let PhaseDesc {
+        kind,
+        g,
+        gs,
+        first_weight,
+        diameter_micrometres,
+    } = phase.get_ref();
+    assert_eq!((*kind, g, gs), (PhaseKind::Isotropic, &None, &None));
+    assert_eq!((first_weight, diameter_micrometres), (&None, &None));
     assert_eq!(*size.get_ref(), ScaleDesc::Uniform(1.0));
-    assert_eq!(*matrix, None);
+    assert_eq!((matrix, emission), (&None, &None));
     let integrator = serde_json::to_string(integrator.get_ref()).expect("an enum");
     let shown = [
         (
@@ -115,9 +124,41 @@ fn documented_defaults_are_those_of_the_code() {
         ("volume.frame_offset", frame_offset.to_string()),
         ("volume.density.grid", format!("{:?}", grid.get_ref())),
         ("volume.density.scale", format!("{:?}", scale.get_ref())),
+        (
+            "volume.extinction_color",
+            format!("{:?}", extinction_color.get_ref()),
+        ),
         ("volume.albedo", format!("{:?}", albedo.get_ref())),
         ("volume.phase.type", "\"isotropic\"".to_owned()),
         ("volume.phase.g", "none".to_owned()),
+        ("volume.phase.gs", "none".to_owned()),
+        ("volume.phase.first_weight", "none".to_owned()),
+        ("volume.phase.diameter_micrometres", "none".to_owned()),
+        ("light.type", "required".to_owned()),
+        ("light.direction_to_light", "required".to_owned()),
+        ("light.irradiance", "required".to_owned()),
+        ("light.angular_diameter_degrees", "0.0".to_owned()),
+        ("light.radiance", "required".to_owned()),
+        ("light.file", "required".to_owned()),
+        ("light.scale", format!("{:?}", LightDesc::ENVIRONMENT_SCALE)),
+        (
+            "light.rotate_degrees",
+            format!("{:?}", LightDesc::ROTATE_DEGREES),
+        ),
+        ("light.up", format!("{:?}", LightDesc::UP)),
+        ("light.turbidity", format!("{:?}", LightDesc::TURBIDITY)),
+        ("light.sun_elevation_degrees", "required".to_owned()),
+        (
+            "light.sun_azimuth_degrees",
+            format!("{:?}", LightDesc::SUN_AZIMUTH_DEGREES),
+        ),
+        (
+            "light.ground_albedo",
+            format!("{:?}", LightDesc::GROUND_ALBEDO),
+        ),
+        ("light.position", "required".to_owned()),
+        ("light.intensity", "required".to_owned()),
+        ("light.radius", "required".to_owned()),
         ("render.spp", spp.get_ref().to_string()),
         ("render.seed", seed.get_ref().to_string()),
         ("render.frame", frame.to_string()),
@@ -148,11 +189,55 @@ fn documented_defaults_are_those_of_the_code() {
         ("volume.rotate", format!("{:?}", rotate.get_ref())),
         ("volume.scale", "1.0".to_owned()),
         ("volume.matrix", "none".to_owned()),
+        ("volume.emission.grid", "none".to_owned()),
+        ("volume.emission.grids", "none".to_owned()),
+        ("volume.emission.temperature", "none".to_owned()),
+        ("volume.emission.scale", "1.0".to_owned()),
+        ("volume.emission.color", "[1.0, 1.0, 1.0]".to_owned()),
+        ("volume.emission.offset", "0.0".to_owned()),
+        ("volume.emission.intensity", "1.0".to_owned()),
+        ("volume.emission.peak", "\"spectrum\"".to_owned()),
+        ("volume.emission.physical", "false".to_owned()),
         ("render.march_step", format!("{:?}", march_step.get_ref())),
     ];
     for (key, value) in shown {
         assert_eq!(documented(&page, key), value, "{key}");
     }
+}
+
+/// A light of every key, whether or not one light may have them all.
+fn every_light() -> Vec<Spanned<LightDesc>> {
+    let at = |x| Some(Spanned::new(0..0, x));
+    let vector = |x| Some(Spanned::new(0..0, x));
+    let light = LightDesc {
+        direction_to_light: vector([0.0, 1.0, 2.0]),
+        irradiance: vector([1.0, 2.0, 3.0]),
+        angular_diameter_degrees: at(0.5),
+        radiance: vector([4.0, 5.0, 6.0]),
+        file: Some(Spanned::new(0..0, "a \"sky\".exr".into())),
+        scale: at(0.1),
+        rotate_degrees: at(-12.5),
+        up: vector([0.0, 1.0, 0.0]),
+        turbidity: at(4.0),
+        sun_elevation_degrees: at(30.0),
+        sun_azimuth_degrees: at(110.0),
+        ground_albedo: vector([0.1, 0.2, 0.3]),
+        position: vector([7.0, 8.0, 9.0]),
+        intensity: vector([0.7, 0.8, 0.9]),
+        radius: at(0.01),
+        ..LightDesc::new(LightKind::SunSky)
+    };
+    let kinds = [
+        LightKind::Environment,
+        LightKind::SunSky,
+        LightKind::Point,
+        LightKind::Sphere,
+    ];
+    let lights = kinds.map(|kind| LightDesc {
+        kind,
+        ..light.clone()
+    });
+    lights.map(|light| Spanned::new(0..0, light)).to_vec()
 }
 
 #[test]
@@ -168,7 +253,7 @@ fn written_scenes_read_back_equal() {
     *file.desc.render.collision_rate.get_mut() = 2.5;
     *file.desc.render.flight_rate.get_mut() = 1.5;
     *file.desc.render.march_step.get_mut() = 0.3;
-    file.desc.light.clear();
+    file.desc.light = every_light();
     let volume = file.desc.volume[0].get_mut();
     volume.frame_offset = -7;
     volume.phase = Spanned::new(0..0, PhaseDesc::default());
@@ -179,6 +264,16 @@ fn written_scenes_read_back_equal() {
     *volume.scale.get_mut() = ScaleDesc::Axes([1.0, -2.0, 3.0]);
     let mut second = volume.clone();
     *second.scale.get_mut() = ScaleDesc::Uniform(0.25);
+    second.phase = Spanned::new(
+        0..0,
+        PhaseDesc {
+            kind: PhaseKind::DoubleHenyeyGreenstein,
+            gs: Some(Spanned::new(0..0, [0.9, -0.25])),
+            first_weight: Some(Spanned::new(0..0, 0.75)),
+            ..PhaseDesc::default()
+        },
+    );
+    *second.extinction_color.get_mut() = [0.1, 1.0, 10.0];
     second.matrix = Some(Spanned::new(0..0, [[1.0, 0.5, 0.0, 2.0]; 4]));
     file.desc.volume.push(Spanned::new(0..0, second));
     assert_eq!(parse(&file.to_toml("two\nlines")).desc, file.desc);

@@ -108,6 +108,7 @@ fn white_furnaces_are_white() {
                 let lights = Lights {
                     distant: vec![],
                     environment: Rgb::WHITE,
+                    ..Lights::default()
                 };
                 let transport = TransportSettings {
                     integrator,
@@ -177,6 +178,7 @@ fn analog_and_path_agree_on_sun_and_sky() {
             Lights {
                 distant: vec![],
                 environment: sky,
+                ..Lights::default()
             },
         );
         part(
@@ -184,6 +186,7 @@ fn analog_and_path_agree_on_sun_and_sky() {
             Lights {
                 distant: vec![sun],
                 environment: Rgb::BLACK,
+                ..Lights::default()
             },
         );
     }
@@ -197,6 +200,7 @@ fn single_scattering_in_a_slab_is_the_closed_form() {
     let lights = Lights {
         distant: vec![sun],
         environment: Rgb::BLACK,
+        ..Lights::default()
     };
     let settings = TransportSettings {
         integrator: IntegratorKind::Path,
@@ -307,6 +311,7 @@ fn weak_paths_are_not_lost() {
     let lights = Lights {
         distant: vec![],
         environment: Rgb::WHITE,
+        ..Lights::default()
     };
     let measure = |integrator, seed| {
         let settings = TransportSettings {
@@ -353,6 +358,7 @@ fn images_are_the_same_bits_for_any_number_of_threads() {
     let lights = Lights {
         distant: vec![sun],
         environment: Rgb([0.1, 0.2, 0.3]),
+        ..Lights::default()
     };
     let medium = Medium::new(
         cloud(),

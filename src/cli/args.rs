@@ -38,7 +38,8 @@ Estimators are names joined by + in any order; what is not named is auto:
   free flight  delta, decomposition, regular, closed-form
   shadow rays  ratio, residual-ratio, exact, power-series, approx-ray-marching; transmittance=delta
   bounds       brick, global, hierarchy
-  also         rate=X, flight-rate=X, step=X, analog; all: the most useful dozen
+  also         rate=X, flight-rate=X, step=X, analog; emission-by-chance: fire is no light to
+               draw points from; all: the most useful dozen
 
 Examples:
   majorant converge cloud.toml --estimators delta+ratio,regular+exact,auto --budget 30s

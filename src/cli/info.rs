@@ -51,6 +51,8 @@ struct GridEntry {
     min: Option<Value>,
     max: Option<Value>,
     sum: Option<Value>,
+    /// Least and largest value of a grid whose name speaks of heat, taken as kelvin.
+    kelvin: Option<[f64; 2]>,
     background: Option<Value>,
     voxel_size: Option<[f64; 3]>,
     /// Rows of the matrix that acts on column vectors: the translation is the last column.
@@ -158,6 +160,10 @@ fn statistics(grid: &Grid) -> Statistics {
 
 fn describe_grid(info: &GridInfo, statistics: Option<Statistics>) -> GridEntry {
     let Statistics { sum, min, max } = statistics.unwrap_or_default();
+    let name = info.name.to_lowercase();
+    let is_hot = ["temperature", "heat"]
+        .iter()
+        .any(|word| name.contains(word));
     GridEntry {
         name: info.name.clone(),
         address: info.address.clone(),
@@ -175,6 +181,10 @@ fn describe_grid(info: &GridInfo, statistics: Option<Statistics>) -> GridEntry {
         min: typed(&info.type_name, &min),
         max: typed(&info.type_name, &max),
         sum: typed("double", &sum),
+        kelvin: match (&min[..], &max[..]) {
+            (&[min], &[max]) if is_hot => Some([min, max]),
+            _ => None,
+        },
         background: typed(&info.type_name, &info.background),
         voxel_size: info.transform.as_ref().map(|t| t.voxel_size().to_array()),
         world_from_index: info.transform.as_ref().map(matrix_rows),
@@ -210,6 +220,19 @@ fn in_words(file: &FileEntry, quick: bool) -> String {
     out
 }
 
+/// Says which temperatures the values of a grid are, and at which scale they would be a fire's.
+fn in_kelvin(min: f64, max: f64) -> String {
+    let as_is = format!("{min:.4} to {max:.4} K");
+    // Hotter than an ember, and colder than the hottest stars.
+    if (798.0..50_000.0).contains(&max) || max <= 0.0 {
+        return as_is;
+    }
+    // The power of ten that comes nearest to a flame.
+    let scale = 10_f64.powf((2000.0 / max).log10().round());
+    let scaled = format!("{:.0} to {:.0} K", min * scale, max * scale);
+    format!("{as_is}, too cold or too hot; {scaled} with scale = {scale}")
+}
+
 fn push_grid(out: &mut String, grid: &GridEntry, quick: bool) -> std::fmt::Result {
     let half = if grid.half { ", half" } else { "" };
     let (address, kind, class, codec) = (&grid.address, &grid.type_name, &grid.class, &grid.codec);
@@ -234,6 +257,9 @@ fn push_grid(out: &mut String, grid: &GridEntry, quick: bool) -> std::fmt::Resul
     if !quick && grid.refused.is_none() {
         let (min, max, sum) = (shown(&grid.min), shown(&grid.max), shown(&grid.sum));
         writeln!(out, "    values        {min} to {max}, sum {sum}")?;
+    }
+    if let Some([min, max]) = grid.kelvin {
+        writeln!(out, "    as emission   {}", in_kelvin(min, max))?;
     }
     writeln!(out, "    background    {}", shown(&grid.background))?;
     if let Some([x, y, z]) = grid.voxel_size {

@@ -8,7 +8,7 @@
 
 use std::fmt;
 
-use crate::integrator::{IntegratorKind, TransportSettings};
+use crate::integrator::{IntegratorKind, Levers, TransportSettings};
 use crate::sampling::SamplerKind;
 use crate::scene::Scene;
 use crate::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
@@ -20,6 +20,8 @@ pub struct Estimator {
     pub integrator: IntegratorKind,
     /// Which estimators along its rays.
     pub tracking: Tracking,
+    /// Whether points of media that emit are drawn as of a light: else light is met by chance.
+    pub emission_light: bool,
 }
 
 /// An estimator that cannot be understood.
@@ -94,6 +96,7 @@ impl Default for Estimator {
         Self {
             integrator: IntegratorKind::Path,
             tracking: Tracking::default(),
+            emission_light: true,
         }
     }
 }
@@ -127,6 +130,7 @@ impl Estimator {
     pub fn is_same(&self, other: &Self, has_suns: bool) -> bool {
         let (a, b) = (self.tracking, other.tracking);
         self.integrator == other.integrator
+            && self.emission_light == other.emission_light
             && a.distance == b.distance
             && (a.transmittance == b.transmittance || !has_suns)
     }
@@ -141,6 +145,10 @@ impl Estimator {
         scene.transport = TransportSettings {
             integrator: self.integrator,
             tracking: self.tracking,
+            levers: Levers {
+                emission_light: self.emission_light,
+                ..scene.transport.levers
+            },
             // The metrics take an image's noise to be that of independent samples.
             sampler: SamplerKind::Independent,
             ..scene.transport
@@ -155,6 +163,7 @@ impl Estimator {
             transmittance: None,
             bounds: None,
             tracking: Tracking::default(),
+            emission_light: true,
         };
         for word in text.split('+') {
             parser.word(word.trim())?;
@@ -165,6 +174,7 @@ impl Estimator {
             transmittance,
             bounds,
             tracking,
+            emission_light,
             ..
         } = parser;
         Ok(Self {
@@ -175,6 +185,7 @@ impl Estimator {
                 bounds: bounds.unwrap_or_default(),
                 ..tracking
             },
+            emission_light,
         })
     }
 
@@ -182,6 +193,7 @@ impl Estimator {
         let Self {
             integrator,
             tracking,
+            emission_light: _,
         } = self;
         let closed = tracking.distance == DistanceEstimator::ClosedForm
             || tracking.transmittance == TransmittanceEstimator::ClosedForm;
@@ -250,6 +262,9 @@ impl fmt::Display for Estimator {
         if transmittance == T::ApproxRayMarching {
             words.push(format!("step={march_step}"));
         }
+        if !self.emission_light {
+            words.push(BY_CHANCE.to_owned());
+        }
         if words.is_empty() {
             words.push("auto".to_owned());
         }
@@ -298,7 +313,11 @@ struct Parser<'a> {
     transmittance: Option<TransmittanceEstimator>,
     bounds: Option<BoundsKind>,
     tracking: Tracking,
+    emission_light: bool,
 }
+
+/// The word for light of volumes that is met by chance alone.
+const BY_CHANCE: &str = "emission-by-chance";
 
 /// What a rate may be.
 const RATES: &str = "a number from 1 to 1000000";
@@ -321,6 +340,10 @@ impl Parser<'_> {
         }
         // An `auto` among others says that whatever is not named is automatic, which it is.
         if word == "auto" {
+            return Ok(());
+        }
+        if word == BY_CHANCE {
+            self.emission_light = false;
             return Ok(());
         }
         let is_distance = distance(word).is_some() && self.distance.is_none();
@@ -429,7 +452,7 @@ fn known_words() -> Vec<&'static str> {
     let transmittances = TransmittanceEstimator::ALL.iter().map(|x| x.name());
     let bounds = BoundsKind::ALL.iter().map(|x| x.name());
     let mut words: Vec<_> = distances.chain(transmittances).chain(bounds).collect();
-    words.extend(["path", "analog", "all"]);
+    words.extend(["path", "analog", BY_CHANCE, "all"]);
     let mut seen = Vec::new();
     words.retain(|word| {
         let new = !seen.contains(word);
@@ -492,6 +515,7 @@ mod tests {
             ),
             ("analog+global", "analog+global"),
             ("flight-rate=2+delta", "delta+flight-rate=2"),
+            ("emission-by-chance+delta", "delta+emission-by-chance"),
         ] {
             assert_eq!(name(text), expected, "{text}");
             assert_eq!(name(expected), expected, "the name parses to itself");

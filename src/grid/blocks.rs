@@ -15,6 +15,7 @@ use rayon::prelude::*;
 
 use super::bounds::Bound;
 use super::brick::BRICK_DIM;
+use super::cells::Cell;
 use super::tree::{LOWER_LEN, LOWER_LOG2};
 
 /// Cost of a lookup, most of it waiting for memory and for the branch that it decides, in steps
@@ -64,8 +65,8 @@ impl Blocks {
     /// Chooses blocks for a medium whose optical depth is `depth_per_density` in one voxel of
     /// density 1; infinity chooses empty blocks only.
     ///
-    /// `lower` are the bounds of the cells of all lower nodes.
-    pub(super) fn new(lower: &[Bound], depth_per_density: f32) -> Self {
+    /// `lower` are the cells of all lower nodes.
+    pub(super) fn new(lower: &[Cell], depth_per_density: f32) -> Self {
         let nodes: Vec<(Vec<u8>, Vec<Bound>)> = lower
             .par_chunks(LOWER_LEN)
             .map(|cells| choose(cells, depth_per_density))
@@ -109,7 +110,7 @@ impl Blocks {
 }
 
 /// Chooses the blocks of one node: for each slot the size of its block, and all blocks' bounds.
-fn choose(cells: &[Bound], depth_per_density: f32) -> (Vec<u8>, Vec<Bound>) {
+fn choose(cells: &[Cell], depth_per_density: f32) -> (Vec<u8>, Vec<Bound>) {
     let collisions = |bound: Bound, log2: u32| {
         // Zero: nothing to collide with, however dense. A cube's mean chord is 2/3 of its edge.
         if bound.max > 0.0 {
@@ -122,8 +123,8 @@ fn choose(cells: &[Bound], depth_per_density: f32) -> (Vec<u8>, Vec<Bound>) {
     };
     let mut log2_of = vec![0; LOWER_LEN];
     let mut bounds = vec![Bound::EMPTY; BLOCKS_PER_NODE];
-    let mut costs: Vec<f32> = cells.iter().map(|&b| 1.0 + collisions(b, 0)).collect();
-    let mut parts = cells.to_vec();
+    let mut costs: Vec<f32> = cells.iter().map(|c| 1.0 + collisions(c.bound, 0)).collect();
+    let mut parts: Vec<Bound> = cells.iter().map(|c| c.bound).collect();
     for log2 in 1..=LOWER_LOG2 {
         let edge = 1_usize << (LOWER_LOG2 - log2);
         let mut chosen = Vec::with_capacity(edge * edge * edge);

@@ -35,7 +35,8 @@ const _: () = assert!(
 );
 
 /// What is known of the values that a filter can read within one cell.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+#[repr(C)]
 pub struct Bound {
     /// No value is below.
     pub min: f32,
@@ -75,6 +76,7 @@ impl Bound {
 pub struct Bounds {
     pub(super) root: Vec<Bound>,
     pub(super) upper: Vec<Bound>,
+    /// Empty once a grid has them in its cells.
     pub(super) lower: Vec<Bound>,
     /// Lowest and highest brick, in brick coordinates, of those that are not zero; `None` if
     /// all is zero.

@@ -6,6 +6,7 @@
 use glam::{DVec3, IVec3};
 
 use super::brick::{BRICK_DIM, BRICK_LOG2};
+use super::cells::Cell;
 use super::density::DensityGrid;
 use super::directory::Content;
 use super::tree::{LOWER_LEN, LOWER_LOG2, LOWER_TOTAL_LOG2, lower_slot, slot_origin};
@@ -65,6 +66,7 @@ impl Columns {
     fn means(&self, grid: &DensityGrid) -> Vec<f32> {
         let DensityGrid {
             tree,
+            cells,
             bounds,
             directory,
             ..
@@ -73,9 +75,9 @@ impl Columns {
         let n = self.last - self.first + 1;
         let (lo, hi) = bounds.occupied.unwrap_or_default();
         let (lo, hi) = (lo << BRICK_LOG2, (hi << BRICK_LOG2) + (BRICK_DIM - 1));
-        let cells =
+        let places =
             (0..n.x).flat_map(|x| (0..n.y).flat_map(move |y| (0..n.z).map(move |z| (x, y, z))));
-        let mut means: Vec<f32> = cells
+        let mut means: Vec<f32> = places
             .map(|(x, y, z)| {
                 let cell = self.first + IVec3::new(x, y, z);
                 let centre = (cell << log2) + ((1 << log2) >> 1);
@@ -85,7 +87,7 @@ impl Columns {
                 match node.content {
                     Content::Tile { .. } => node.bound.mean,
                     Content::Lower(base) if log2 <= BRICK_LOG2 => {
-                        bounds.lower[base + lower_slot(centre)].mean
+                        cells[base + lower_slot(centre)].bound.mean
                     }
                     Content::Lower(_) => 0.0,
                 }
@@ -93,7 +95,7 @@ impl Columns {
             .collect();
         if log2 > BRICK_LOG2 {
             let share = (-3.0 * f64::from(log2 - BRICK_LOG2)).exp2();
-            for (i, bound) in bounds.lower.iter().enumerate() {
+            for (i, &Cell { bound, .. }) in cells.iter().enumerate() {
                 if bound.max > 0.0 {
                     let node = tree.lower_origins[i / LOWER_LEN];
                     let origin = node + slot_origin(i % LOWER_LEN, LOWER_LOG2, BRICK_LOG2);

@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::blocks::Blocks;
 use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
+use super::cells::{Cell, CellTable};
 use super::directory::Directory;
 use super::encoding::Encoding;
 use super::sampler::Sampler;
@@ -18,6 +19,8 @@ use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 pub struct DensityGrid {
     /// Nodes and tiles; the values of its bricks are in `values`.
     pub(super) tree: Tree<f32>,
+    /// Slots and bounds of the lower nodes, which tree and bounds no longer have.
+    pub(super) cells: CellTable,
     pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
@@ -101,7 +104,8 @@ impl DensityGrid {
         transform: IndexTransform,
     ) -> Self {
         let directory = Directory::new(&tree, &bounds);
-        let empty_blocks = Blocks::new(&bounds.lower, f32::INFINITY);
+        let cells = CellTable::new(&tree.take_lower(), &std::mem::take(&mut bounds.lower));
+        let empty_blocks = Blocks::new(&cells, f32::INFINITY);
         tree.drop_origins();
         // Outside of the table, where everything reads as the background, nothing asks for upper
         // nodes, of which a grid of 128³ voxels has eight: 4 MB, twice its values.
@@ -111,6 +115,7 @@ impl DensityGrid {
         }
         Self {
             tree,
+            cells,
             values,
             bounds,
             directory,
@@ -152,7 +157,7 @@ impl DensityGrid {
     /// # Cost
     /// A look at each cell.
     pub fn blocks(&self, depth_per_density: f32) -> Blocks {
-        Blocks::new(&self.bounds.lower, depth_per_density)
+        Blocks::new(&self.cells, depth_per_density)
     }
 
     /// Returns the bound of all values, background included; empty for an empty grid.
@@ -169,7 +174,7 @@ impl DensityGrid {
     /// Returns the bounds of all cells of 8³ voxels that are not empty: what most segments of
     /// rays carry.
     pub fn brick_bounds(&self) -> impl Iterator<Item = Bound> + '_ {
-        let all = self.bounds.lower.iter().copied();
+        let all = self.cells.iter().map(|cell| cell.bound);
         all.filter(|b| b.max > 0.0)
     }
 
@@ -180,7 +185,7 @@ impl DensityGrid {
         let step = total / count as f64;
         let mut centres = Vec::with_capacity(count);
         let mut next = 0.5 * step;
-        for (i, bound) in self.bounds.lower.iter().enumerate() {
+        for (i, &Cell { bound, .. }) in self.cells.iter().enumerate() {
             next -= f64::from(bound.mean);
             // At most one a brick: a single bright one need not be taken for all of them.
             if next < 0.0 && bound.max > 0.0 {
@@ -272,6 +277,7 @@ impl DensityGrid {
     /// Returns the bytes that values, nodes and bounds occupy.
     pub fn memory_bytes(&self) -> usize {
         self.tree.memory_bytes()
+            + size_of_val(&self.cells[..])
             + self.values.memory_bytes()
             + self.bounds.memory_bytes()
             + self.directory.memory_bytes()

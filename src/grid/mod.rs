@@ -17,6 +17,7 @@
 mod blocks;
 pub mod bounds;
 pub mod brick;
+mod cells;
 mod columns;
 mod cubic;
 mod density;

@@ -100,11 +100,11 @@ impl DensityGrid {
     /// than one voxel away, in cells of other bricks as well: those that hold nothing else add
     /// nothing to a box that reaches one voxel beyond.
     fn is_occupied(&self, slot: usize) -> bool {
-        let is_empty_tile = match self.tree.lower[slot].get() {
+        let is_empty_tile = match self.cells[slot].slot.get() {
             Err(tile) => self.tree.tiles[tile].value <= 0.0,
             Ok(_) => false,
         };
-        self.bounds.lower[slot].max > 0.0 && !is_empty_tile
+        self.cells[slot].bound.max > 0.0 && !is_empty_tile
     }
 
     /// Visits boxes around what is not zero in the cell of 8³ voxels of `slot`, at voxel `origin`.
@@ -118,8 +118,8 @@ impl DensityGrid {
         if !self.is_occupied(slot) {
             return;
         }
-        let bound = self.bounds.lower[slot];
-        let brick = match self.tree.lower[slot].get() {
+        let bound = self.cells[slot].bound;
+        let brick = match self.cells[slot].slot.get() {
             Ok(brick) if bound.min <= 0.0 && *bricks_left > 0 => brick,
             _ => {
                 let first = origin.as_dvec3();

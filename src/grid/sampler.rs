@@ -12,6 +12,7 @@
 use glam::{DVec3, IVec3, UVec3, Vec3};
 
 use super::brick::{self, BRICK_DIM, BRICK_LOG2};
+use super::cells::Cell;
 use super::density::DensityGrid;
 use super::directory::Content;
 use super::traverse::Traversal;
@@ -39,6 +40,7 @@ const CORNER_OFFSETS: [usize; 8] = [0, 1, 8, 9, 64, 65, 72, 73];
 pub struct Sampler<'a> {
     grid: &'a DensityGrid,
     tree: &'a Tree<f32>,
+    cells: &'a [Cell],
     /// Coordinates of that node, in nodes; the memory is empty at first.
     key: IVec3,
     /// First slot of the node, or the value of a tile that covers it.
@@ -52,6 +54,7 @@ impl<'a> Sampler<'a> {
         Self {
             grid,
             tree: &grid.tree,
+            cells: &grid.cells,
             key: IVec3::MAX,
             node: Err(0.0),
         }
@@ -121,9 +124,8 @@ impl<'a> Sampler<'a> {
                 Content::Tile { value, .. } => Err(value),
             };
         }
-        let tree = self.tree;
-        let slot = tree.lower[self.node? + lower_slot(p)];
-        slot.get().map_err(|tile| tree.tiles[tile].value)
+        let slot = self.cells[self.node? + lower_slot(p)].slot;
+        slot.get().map_err(|tile| self.tree.tiles[tile].value)
     }
 
     /// Returns the trilinear value at `p_index`, never outside the range of its eight taps.
@@ -173,7 +175,7 @@ impl<'a> Sampler<'a> {
         if (x | y | z) >> BRICK_LOG2 != 0 {
             return Err(UVec3::new(x, y, z).as_ivec3());
         }
-        Ok(match self.tree.lower[slot].get() {
+        Ok(match self.cells[slot].slot.get() {
             Ok(b) => self.grid.values.get(b, ((x << 6) | (y << 3) | z) as usize),
             Err(tile) => self.tree.tiles[tile].value,
         })

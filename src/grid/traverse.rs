@@ -17,6 +17,7 @@ use glam::{DVec3, IVec3};
 use super::blocks::Blocks;
 use super::bounds::Bound;
 use super::brick::{BRICK_DIM, BRICK_LOG2};
+use super::cells::Cell;
 use super::density::DensityGrid;
 use super::directory::{self, Content};
 use super::tree::{LOWER_LEN, LOWER_LOG2, lower_slot};
@@ -56,8 +57,8 @@ pub enum Cells<'a> {
 #[derive(Clone, Debug)]
 pub struct Traversal<'a> {
     grid: &'a DensityGrid,
-    /// Bounds of the cells of lower nodes, in the order of the tree's slots.
-    lower: &'a [Bound],
+    /// The cells of lower nodes, in the order of their slots.
+    lower: &'a [Cell],
     /// The blocks of cells that are crossed in one step.
     blocks: &'a Blocks,
     /// Origin and direction in cells, an eighth of index space: exact, as eight is a power of two.
@@ -123,7 +124,7 @@ impl<'a> Traversal<'a> {
         let has_no_background = grid.tree.background() == 0.0;
         let mut walk = Self {
             grid,
-            lower: &grid.bounds.lower,
+            lower: &grid.cells,
             blocks: match cells {
                 Cells::Blocks(blocks) if has_no_background => blocks,
                 _ => &grid.empty_blocks,
@@ -379,7 +380,7 @@ impl<'a> Traversal<'a> {
             self.log2 = self.blocks.log2(self.slot);
             let (bound, (axis, t1)) = if self.log2 == 0 {
                 let [x, y, z] = self.exit;
-                (self.lower[self.slot], smallest(x, y, z))
+                (self.lower[self.slot].bound, smallest(x, y, z))
             } else {
                 let size = 1 << self.log2;
                 let [x, y, z] = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];

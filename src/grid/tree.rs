@@ -302,9 +302,22 @@ impl<V: Voxel> Tree<V> {
         self.active = Vec::new();
     }
 
+    /// Takes the slots of the lower nodes.
+    pub(super) fn take_lower(&mut self) -> Vec<Slot> {
+        std::mem::take(&mut self.lower)
+    }
+
     /// Forgets where each brick lies, which slots know.
     pub(super) fn drop_origins(&mut self) {
         self.brick_origins = Vec::new();
+    }
+
+    /// Makes what is not stored, and what is stored as tiles of the same value and inactive, read as
+    /// `value`.
+    pub fn set_background(&mut self, value: V) {
+        if let Some(tile) = self.tiles.first_mut() {
+            tile.value = value;
+        }
     }
 
     /// Forgets everything above lower nodes: all that is asked of the tree reads as background.

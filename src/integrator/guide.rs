@@ -5,6 +5,8 @@
 //! irradiance: rare and very bright. Two measures make such paths more frequent and less heavy;
 //! both leave the expectation as it is, whatever the guide believes.
 //!
+//! The brightest part of a sky from an image counts as a sun here.
+//!
 //! * *Points*: a shadow ray is worth tracing in proportion to the light that it can bring. The
 //!   guide estimates the transmittance to each sun from a coarse lattice.
 //! * *Directions*: instead of one direction from the phase function, [`CANDIDATES`] are drawn
@@ -23,6 +25,7 @@ use std::f32::consts::FRAC_1_SQRT_2;
 
 use glam::{DAffine3, DVec3, Vec3};
 
+use super::media::Media;
 use crate::light::Lights;
 use crate::medium::{LightColumns, Medium, MediumRay};
 use crate::phase::Phase;
@@ -118,12 +121,12 @@ impl Guide {
     /// Prepares the lattices of all suns.
     pub(super) fn new(media: &[Medium], lights: &Lights) -> Self {
         let total = lights.typical_radiance();
-        let suns = lights.distant.iter().filter_map(|sun| {
+        let suns = lights.beacons().filter_map(|sun| {
             Some(SunGuide {
-                direction: sun.direction(),
-                columns: MediaColumns::new(media, sun.direction())?,
+                direction: sun.direction,
+                columns: MediaColumns::new(media, sun.direction)?,
                 // A total of zero has no suns with light in them; nothing is divided then.
-                share: sun.typical_radiance() / total.max(f32::MIN_POSITIVE),
+                share: sun.typical_radiance / total.max(f32::MIN_POSITIVE),
             })
         });
         Self {
@@ -140,6 +143,17 @@ impl Guide {
             walk.index_position(t)
         } else {
             walk.world_position(t)
+        }
+    }
+
+    /// Returns the point `p` of the world as the guide wants it.
+    pub(super) fn position_of(&self, media: &Media<'_>, p: DVec3) -> DVec3 {
+        match media.all() {
+            [one] if self.is_of_one_medium => {
+                let to_index = one.medium.transform().index_from_world();
+                to_index.transform_point3(p)
+            }
+            _ => p,
         }
     }
 
@@ -178,7 +192,7 @@ impl Guide {
         }
         let g = phase.mean_cosine();
         let (s, t) = orthonormal_frame(direction);
-        let candidates = Candidates::draw(g, stream);
+        let candidates = Candidates::draw(phase, stream);
         let mut importance = [1.0; CANDIDATES];
         let lobe_gs = [(g * g).min(MAX_LOBE_G), (g * g * g * g).min(MAX_LOBE_G)];
         for (sun, weights) in lobes {
@@ -199,7 +213,7 @@ impl Guide {
     }
 }
 
-/// Directions around an axis, each of which alone follows the Henyey–Greenstein function.
+/// Directions around an axis, each of which alone follows the phase function.
 struct Candidates {
     /// Components along the axis and across.
     z: Lanes,
@@ -211,9 +225,10 @@ impl Candidates {
     /// Draws one polar angle from each sixteenth of the distribution, with azimuths a sixteenth
     /// of a turn apart in mixed order from a random start.
     ///
-    /// The phase function's own inversion (see `Phase`), for `g > 0` and in lanes.
+    /// The phase function's own inversion: Henyey–Greenstein's for `g > 0` in lanes, others one by
+    /// one.
     #[inline] // bench: frame
-    fn draw(g: f32, stream: &mut Stream) -> Self {
+    fn draw(phase: Phase, stream: &mut Stream) -> Self {
         let offset = stream.uniform_positive();
         let bits = stream.bits();
         let start = (bits >> 60) as usize;
@@ -227,20 +242,30 @@ impl Candidates {
         let mut cos = [0.0; CANDIDATES];
         sin.copy_from_slice(&TURNS.0[start..start + CANDIDATES]);
         cos.copy_from_slice(&TURNS.1[start..start + CANDIDATES]);
-        let e = 1.0 - g;
         let mut candidates = Self {
             z: [0.0; CANDIDATES],
             x: [0.0; CANDIDATES],
             y: [0.0; CANDIDATES],
         };
+        let mut one_minus_cos = [0.0; CANDIDATES];
+        let u = |i: usize| (i as f32 + offset) * (1.0 / CANDIDATES as f32);
+        if let Phase::HenyeyGreenstein { g } = phase {
+            let e = 1.0 - g;
+            for (i, x) in one_minus_cos.iter_mut().enumerate() {
+                let inverse = 1.0 / (e + 2.0 * g * u(i));
+                *x = e * (1.0 - u(i)) * (e * (1.0 + g) * inverse + e) * inverse;
+            }
+        } else {
+            for (i, x) in one_minus_cos.iter_mut().enumerate() {
+                *x = phase.invert(u(i));
+            }
+        }
         for i in 0..CANDIDATES {
-            let u = (i as f32 + offset) * (1.0 / CANDIDATES as f32);
-            let inverse = 1.0 / (e + 2.0 * g * u);
-            let one_minus_cos = e * (1.0 - u) * (e * (1.0 + g) * inverse + e) * inverse;
+            let x = one_minus_cos[i];
             // Not negative but for rounding: `f32::max` would look for NaN in each lane, too.
-            let square = one_minus_cos * (2.0 - one_minus_cos);
+            let square = x * (2.0 - x);
             let sin_theta = if square > 0.0 { square } else { 0.0 }.sqrt();
-            candidates.z[i] = 1.0 - one_minus_cos;
+            candidates.z[i] = 1.0 - x;
             candidates.x[i] = sin_theta * (cos[i] * cos_0 - sin[i] * sin_0);
             candidates.y[i] = sin_theta * (sin[i] * cos_0 + cos[i] * sin_0);
         }
@@ -293,9 +318,20 @@ mod tests {
     use super::*;
     use crate::grid::{DensityGrid, Tree};
     use crate::light::DistantLight;
+    use crate::phase::Droplets;
     use crate::sampling::StreamKey;
     use crate::space::IndexTransform;
     use crate::spectrum::Rgb;
+
+    /// E[cos²] by a midpoint rule in the phase function's own numbers: good to 1e-5.
+    fn mean_square_cosine(phase: Phase) -> f64 {
+        let n = 1 << 16;
+        let square = |i| {
+            let u = (i as f32 + 0.5) / n as f32;
+            f64::from(1.0 - phase.invert(u)).powi(2)
+        };
+        (0..n).map(square).sum::<f64>() / f64::from(n)
+    }
 
     /// Moments of the chosen directions, weighted, against those of the phase function.
     ///
@@ -312,9 +348,16 @@ mod tests {
                 .map(|d| DistantLight::new(d, Rgb::WHITE, 0.0).unwrap())
                 .to_vec(),
             environment: Rgb::BLACK,
+            ..Lights::default()
         };
-        for g in [-0.6, 0.4, 0.85, 0.97] {
-            let phase = Phase::HenyeyGreenstein { g };
+        let hg = |g| Phase::HenyeyGreenstein { g };
+        let double = Phase::DoubleHenyeyGreenstein {
+            gs: [0.9, -0.4],
+            first_weight: 0.8,
+        };
+        let droplets = Phase::Droplets(Droplets::new(6.0).unwrap());
+        for phase in [hg(-0.6), hg(0.4), hg(0.85), hg(0.97), double, droplets] {
+            let g = phase.mean_cosine();
             let medium = Medium::new(Arc::clone(&grid), 1.0, Rgb::WHITE, phase);
             let guide = Guide::new(&[medium], &lights);
             for direction in [DVec3::Z, suns[0], DVec3::new(0.0, 0.6, -0.8)] {
@@ -334,10 +377,10 @@ mod tests {
                     }
                 }
                 assert_eq!(weights_vary, g >= LEAST_G, "the guide is in use");
-                // E[cos²] of Henyey–Greenstein is (1 + 2g²)/3, and the rest is symmetric about
-                // the axis: E[(ω·s)²] = c² m + (1 − c²)(1 − m)/2 with c = axis · s.
+                // With m = E[cos²], and the rest symmetric about the axis,
+                // E[(ω·s)²] = c² m + (1 − c²)(1 − m)/2 with c = axis · s.
+                let m = mean_square_cosine(phase);
                 let g = f64::from(g);
-                let m = (1.0 + 2.0 * g * g) / 3.0;
                 let c = direction.dot(suns[0]).powi(2);
                 let towards = c * m + (1.0 - c) * (1.0 - m) / 2.0;
                 let mean = direction * g;
@@ -350,7 +393,7 @@ mod tests {
                     let z = (got - expected[k]) / error;
                     assert!(
                         z.abs() < 5.0 && error < if g < 0.9 { 1e-3 } else { 4e-3 },
-                        "g {g}, {direction}, moment {k}: {got} ± {error}, not {}",
+                        "{phase:?}, {direction}, moment {k}: {got} ± {error}, not {}",
                         expected[k]
                     );
                 }

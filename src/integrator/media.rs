@@ -62,6 +62,27 @@ impl<'a> Media<'a> {
         self.all.len() > 1
     }
 
+    /// Returns the trilinear extinction of all media at a point in world space.
+    pub(super) fn sigma_t(&self, p: DVec3) -> f32 {
+        self.all.iter().map(|one| one.medium.sigma_t_at(p)).sum()
+    }
+
+    /// Chooses the medium that a collision at `p` is with, in proportion to its extinction there;
+    /// returns it with the extinction of all. `None` where nothing is.
+    pub(super) fn choose(&self, p: DVec3, stream: &mut Stream) -> Option<(&'a Medium, f32)> {
+        let mut sum = 0.0;
+        let mut chosen = None;
+        for one in &self.all {
+            let sigma_t = one.medium.sigma_t_at(p);
+            sum += sigma_t;
+            // The first needs no number: alone, it is chosen.
+            if sigma_t > 0.0 && (sum == sigma_t || stream.uniform() * sum < sigma_t) {
+                chosen = Some(one.medium);
+            }
+        }
+        Some((chosen?, sum))
+    }
+
     /// Draws the first collision along `ray`.
     pub(super) fn first_collision(
         &self,

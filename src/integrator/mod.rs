@@ -1,24 +1,32 @@
 //! Estimators of the radiance along a camera ray.
 //!
 //! * `analog`: plain delta tracking, the short reference.
+//! * `chromatic`: the production choice where the extinction has a colour.
+//! * `emission`: light that the media emit.
 //! * `media`: several media in one scene, for both.
 //! * `guide`: importance of points and directions for the latter.
 //! * `primary`: the camera ray of the latter, up to the collision from which it goes on.
 //! * `path`: next-event estimation and roulette, the production choice.
+//! * `surroundings`: what skies from images, points and spheres add to it.
 //!
 //! Both have the same expectation; a test compares their images. Neither sees a voxel.
 
 mod analog;
+mod chromatic;
+mod emission;
 mod guide;
 mod media;
 mod path;
 mod primary;
+mod surroundings;
 
 use serde::{Deserialize, Serialize};
 
+use self::emission::Emitters;
 use self::guide::Guide;
 use self::media::{Media, Tracked};
 pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
+use self::surroundings::Lamps;
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
@@ -97,6 +105,10 @@ pub struct Levers {
     pub light_roulette: bool,
     /// Paths of little weight are ended.
     pub path_roulette: bool,
+    /// Light of points and spheres is also looked for where a segment passes near them.
+    pub equiangular: bool,
+    /// Points of media that emit are sampled as a light is, and not by chance alone.
+    pub emission_light: bool,
 }
 
 impl Default for Levers {
@@ -105,6 +117,8 @@ impl Default for Levers {
             guide: true,
             light_roulette: true,
             path_roulette: true,
+            equiangular: true,
+            emission_light: true,
         }
     }
 }
@@ -121,7 +135,9 @@ pub struct Context<'a> {
     media: Media<'a>,
     lights: &'a Lights,
     settings: TransportSettings,
+    emitters: Emitters<'a>,
     guide: Option<Guide>,
+    lamps: Option<Lamps<'a>>,
     /// Of the path integrator.
     kernel: Kernel,
 }
@@ -146,13 +162,20 @@ impl<'a> Context<'a> {
                 None => absorbing_tracking(settings.tracking),
             },
         });
-        let guided = settings.integrator == IntegratorKind::Path && !lights.distant.is_empty();
+        let guided = settings.integrator == IntegratorKind::Path
+            && lights.beacons().any(|b| b.typical_radiance > 0.0);
         Self {
             media: Media::new(tracked.collect()),
             lights,
             settings,
+            emitters: Emitters::new(media, settings.levers.emission_light),
             guide: (guided && scatters).then(|| Guide::new(media, lights)),
-            kernel: Kernel::new(&settings, &surveys),
+            lamps: Lamps::new(media, lights, settings.levers.equiangular),
+            kernel: if media.iter().any(Medium::is_chromatic) {
+                Kernel::Chromatic
+            } else {
+                Kernel::new(&settings, &surveys)
+            },
         }
     }
 }

@@ -2,9 +2,10 @@
 //!
 //! At each collision the path collects every sun's light through an estimate of the
 //! transmittance, and goes on in a direction drawn from the phase function or, near a sun, from
-//! a choice of several (see `guide`). Where it leaves the medium it collects the sky, which is
-//! the same from everywhere. A sun's disk is seen by camera rays only, since scattered paths
-//! have it from their last collision.
+//! a choice of several (see `guide`). Where it leaves the medium it collects the sky: all of what is
+//! the same from everywhere, and its share of an image's (see `surroundings`). A sun's disk is seen
+//! by camera rays only, since scattered paths have it from their last collision. What media emit is
+//! found in both ways (see `emission`).
 //!
 //! Absorption multiplies the weight by the albedo; nothing else ends a path but leaving and
 //! roulette below [`ROULETTE_WEIGHT`]. There is no cap on the number of bounces unless the
@@ -13,12 +14,15 @@
 //! The expectation is the radiance, for any guide and any threshold; what raises the variance
 //! is a medium whose light comes through holes that the coarse lattice of the guide misses.
 
+use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
 use super::primary::Kernel;
+use super::surroundings::{Event, Lamps, met_maps};
 use super::{Context, Levers};
 use crate::light::DistantLight;
 use crate::medium::MediumRay;
 use crate::sampling::Stream;
+use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
 use glam::DVec3;
@@ -28,7 +32,7 @@ use glam::DVec3;
 /// The guide gives less weight to paths that it sends towards a sun, where they will collect the
 /// more: by weight alone, roulette would take those. At g = 0.95 and the sun 30, 90 and 150 degrees
 /// from the view, relMSE · samples by weight alone 2.84, 2.33 and 1.97, and 2.64, 2.11 and 1.76.
-const ROULETTE_WEIGHT: f32 = 0.03;
+pub(super) const ROULETTE_WEIGHT: f32 = 0.03;
 
 /// Contributions of a sun that are expected below this fraction of the scene's typical radiance
 /// play roulette, most of them before a shadow ray is traced.
@@ -42,20 +46,43 @@ const LEAST_CONTRIBUTION: f32 = 0.05;
 /// are noise of timing; the relMSE of a sample 0.0279, 0.0282, 0.0295, 0.0373, 0.06.
 const LEAST_CONTRIBUTION_THIN: f32 = 0.01;
 
+/// Throughputs and transmittances below this play roulette where media emit. It does not depend on
+/// how much light there is: a fire is bright beside itself and lights the dark far from it.
+const LEAST_EMITTED: f32 = 0.05;
+
 /// The guide's root of the transmittance counts for at least this.
 ///
 /// Where its lattice misses a gap, a shadow ray is traced rarely and then weighs much. Measured
 /// at 0, 0.05, 0.15 and 1, variance of the image's mean in 1e-8 at the cost in CPU s: a torn
 /// smoke 23 (3.0), 3.8 (3.4), 3.5 (3.8), 3.4 (5.2); a simulated tower 4.7 (4.1), 4.6 (4.8),
 /// 4.7 (5.7), 4.5 (7.2); two clouds lie between.
-const LEAST_BELIEF: f32 = 0.05;
+pub(super) const LEAST_BELIEF: f32 = 0.05;
 
-/// Returns an unbiased sample of the radiance that a collision of a camera ray towards `direction`
-/// sends along it, times `weight`.
+/// Returns the contribution below which light plays roulette.
+pub(super) fn least_contribution(context: &Context<'_>) -> f32 {
+    let share = match context.kernel {
+        Kernel::Expected => LEAST_CONTRIBUTION_THIN,
+        Kernel::Analog | Kernel::Chromatic | Kernel::Transmittance => LEAST_CONTRIBUTION,
+    };
+    let lamplight = context.lamps.as_ref().map_or(0.0, Lamps::typical_radiance);
+    share * (context.lights.typical_radiance() + lamplight)
+}
+
+/// Returns what a contribution of 1 is worth in shadow rays, where no more is known of it.
+pub(super) fn usual_worth(context: &Context<'_>) -> f32 {
+    if context.settings.levers.light_roulette {
+        least_contribution(context).max(f32::MIN_POSITIVE).recip()
+    } else {
+        f32::MAX
+    }
+}
+
+/// Returns an unbiased sample of the radiance that a collision of the camera ray `ray` sends along
+/// it, times `weight`.
 pub(super) fn scattered_radiance<'a>(
     context: &Context<'a>,
     met: Met<'a>,
-    mut direction: DVec3,
+    ray: &Ray,
     weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
@@ -64,13 +91,16 @@ pub(super) fn scattered_radiance<'a>(
         ref media,
         lights,
         settings,
+        ref emitters,
         ref guide,
-        kernel,
+        ref lamps,
+        ..
     } = *context;
     let Levers {
         guide: steer,
         light_roulette,
         path_roulette,
+        ..
     } = settings.levers;
     let roulette_weight = if path_roulette {
         ROULETTE_WEIGHT
@@ -78,11 +108,11 @@ pub(super) fn scattered_radiance<'a>(
         // Only paths without any weight end.
         f32::MIN_POSITIVE
     };
-    let least = match kernel {
-        Kernel::Expected => LEAST_CONTRIBUTION_THIN,
-        Kernel::Analog | Kernel::Transmittance => LEAST_CONTRIBUTION,
-    };
-    let least = least * lights.typical_radiance();
+    let least = least_contribution(context);
+    let has_surroundings = lamps.is_some() || !lights.maps.is_empty();
+    let mut direction = ray.direction;
+    // Only lamps look back at it.
+    let mut segment = *ray;
     let mut radiance = Rgb::BLACK;
     let mut throughput = Rgb::splat(weight);
     let mut importance = 1.0;
@@ -136,23 +166,63 @@ pub(super) fn scattered_radiance<'a>(
                 next = Some(guided);
             }
         }
+        if has_surroundings {
+            let event = Event {
+                media,
+                p: walk.world_position(t),
+                arrived: direction,
+                phase: medium.phase(),
+                throughput: vertex.throughput,
+            };
+            radiance += event.surroundings(context, &segment, stream, counts);
+        }
+        if !emitters.is_empty() {
+            let least = if light_roulette { LEAST_EMITTED } else { 0.0 };
+            radiance += vertex.emitted_light(emitters, least, stream, counts);
+        }
         counts.scattered_rays += 1;
+        let arrived = direction;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
         walk.turn(t, direction, f64::INFINITY);
+        if let Some(lamps) = lamps
+            && settings.max_bounces != Some(bounces)
+        {
+            segment = ray_from(&walk, 0.0, direction);
+            let worth = usual_worth(context);
+            radiance += lamps.along(media, &segment, throughput, worth, stream, counts);
+        }
         let further = media
             .tracking(index)
             .next_collision(&mut walk, stream, counts);
-        if media.are_several() {
+        if media.are_several() || !emitters.is_empty() {
             let ray = ray_from(&walk, 0.0, direction);
-            let t_max = further.unwrap_or(f64::INFINITY);
-            if let Some(nearer) = media.nearer(Some(index), &ray, t_max, stream, counts) {
+            let mut end = further.unwrap_or(f64::INFINITY);
+            let nearer = if media.are_several() {
+                media.nearer(Some(index), &ray, end, stream, counts)
+            } else {
+                None
+            };
+            end = nearer.as_ref().map_or(end, |met| met.t);
+            if !emitters.is_empty() {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                let worth = (phase, throughput.max_channel());
+                radiance += throughput * emitters.along(&ray, end, worth, stream, counts);
+            }
+            if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
                 continue;
             }
         }
         match further {
             Some(further) => t = further,
-            None => return radiance + throughput * lights.environment,
+            None => {
+                let mut sky = lights.environment;
+                if !lights.maps.is_empty() {
+                    let phase = medium.phase().eval(arrived.dot(direction));
+                    sky += met_maps(lights, direction, phase);
+                }
+                return radiance + throughput * sky;
+            }
         }
     }
 }
@@ -203,6 +273,32 @@ impl Vertex<'_, '_> {
         let transmittance =
             self.transmittance((light.direction, f64::INFINITY), least, stream, counts);
         unoccluded * (transmittance / probability)
+    }
+
+    /// Returns an unbiased estimate of emitted light that scatters here towards the camera, from a
+    /// point drawn as of a light. Throughputs and transmittances below `least` play roulette.
+    fn emitted_light(
+        &self,
+        emitters: &Emitters<'_>,
+        least: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let worth = self.throughput.max_channel();
+        if worth < least && stream.uniform() * least >= worth {
+            return Rgb::BLACK;
+        }
+        let origin = self.walk.world_position(self.t);
+        let phase = self.walk.medium().phase();
+        let towards = |direction| phase.eval(self.direction.dot(direction));
+        let Some(point) = emitters.sample_light(origin, towards, stream, counts) else {
+            return Rgb::BLACK;
+        };
+        counts.shadow_rays += 1;
+        let to = (point.direction, point.distance);
+        let transmittance = self.transmittance(to, least, stream, counts);
+        let probability = if worth < least { worth / least } else { 1.0 };
+        self.throughput * point.unoccluded * (transmittance / probability)
     }
 
     /// Estimates the transmittance towards a direction, up to a distance.

@@ -20,20 +20,24 @@
 //! are positive.
 //!
 //! Where nothing scatters there are no paths, and camera rays are estimates of the transmittance.
+//!
+//! What media emit towards the camera is added to all of them.
 
 use super::media::{Met, Tracked};
-use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, path};
+use super::surroundings::seen_spheres;
+use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, chromatic, path};
 use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
 use crate::space::Ray;
+use crate::spectrum::Rgb;
 use crate::stats::Counts;
 use crate::tracking::{Survey, Tracking, TransmittanceEstimator};
 
 /// Probability for a path to go on, for each unit of opacity.
-const SURVIVAL: f32 = 3.0;
+pub(super) const SURVIVAL: f32 = 3.0;
 
 /// Weight below which what is left of a camera ray collides or escapes.
-const ANALOG_BELOW: f32 = 0.1;
+pub(super) const ANALOG_BELOW: f32 = 0.1;
 
 /// A medium is thin if a ray from inside meets on its way out, in the survey, less than this optical
 /// depth, and fewer collisions. Variance times cost, measured with expected in place of analog
@@ -58,6 +62,8 @@ pub enum Kernel {
     Analog,
     /// Both, each with its weight.
     Expected,
+    /// Both, with a weight for each channel, since the extinction has a colour (see `chromatic`).
+    Chromatic,
     /// Nothing scatters: its transmittance is all.
     Transmittance,
 }
@@ -108,12 +114,47 @@ pub(super) fn sample_radiance(
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> PathSample {
-    match (context.kernel, context.media.all()) {
+    let mut sample = match (context.kernel, context.media.all()) {
         (Kernel::Analog, _) => analog(context, ray, stream, counts),
+        (Kernel::Chromatic, _) => chromatic::sample_radiance(context, ray, stream, counts),
         (Kernel::Expected, [one, ..]) => expected(context, one, ray, stream, counts),
         (Kernel::Transmittance | Kernel::Expected, _) => {
             transmittance(context, ray, stream, counts)
         }
+    };
+    let Context {
+        media,
+        emitters,
+        lights,
+        ..
+    } = context;
+    if !emitters.is_empty() {
+        sample.radiance += emitters.seen(media, &ray, stream, counts);
+    }
+    if !lights.local.is_empty() {
+        sample.radiance += lamplight(context, &ray, stream, counts);
+    }
+    sample
+}
+
+/// Returns an unbiased estimate of the spheres that a camera ray sees, and of what local lights
+/// scatter along it, in its share (see `surroundings`).
+fn lamplight(context: &Context<'_>, ray: &Ray, stream: &mut Stream, counts: &mut Counts) -> Rgb {
+    let Context {
+        media,
+        lights,
+        lamps,
+        settings,
+        kernel,
+        ..
+    } = context;
+    let seen = seen_spheres(lights, media, ray, stream, counts);
+    match lamps {
+        Some(lamps) if *kernel != Kernel::Transmittance && settings.max_bounces != Some(0) => {
+            let worth = path::usual_worth(context);
+            seen + lamps.along(media, ray, Rgb::WHITE, worth, stream, counts)
+        }
+        _ => seen,
     }
 }
 
@@ -127,7 +168,7 @@ fn analog(context: &Context<'_>, ray: Ray, stream: &mut Stream, counts: &mut Cou
     };
     let t = met.t;
     PathSample {
-        radiance: path::scattered_radiance(context, met, ray.direction, 1.0, stream, counts),
+        radiance: path::scattered_radiance(context, met, &ray, 1.0, stream, counts),
         opacity: 1.0,
         first_collision: Some((t, 1.0)),
     }
@@ -145,7 +186,8 @@ fn expected(
     let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
     let opacity = 1.0 - flight.transmittance;
     let through = lights.radiance(ray.direction) * flight.transmittance;
-    let sky = |weight: f32| through + lights.environment * weight;
+    let usual = lights.usual_radiance();
+    let sky = |weight: f32| through + usual * weight;
     let Some(t) = flight.collision else {
         return PathSample {
             radiance: sky(opacity),
@@ -165,8 +207,7 @@ fn expected(
             walk: tracking.start_path(medium, &from, f64::INFINITY),
             t: 0.0,
         };
-        let scattered =
-            path::scattered_radiance(context, met, ray.direction, weight, stream, counts);
+        let scattered = path::scattered_radiance(context, met, &ray, weight, stream, counts);
         sky(opacity - weight) + scattered
     } else {
         counts.roulette_kills += 1;

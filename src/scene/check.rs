@@ -9,9 +9,11 @@ use std::sync::Arc;
 
 use toml::Spanned;
 
+use super::check_emission::CheckedEmission;
 use super::check_light::check_lights;
+use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
-use super::desc::{PhaseDesc, PhaseKind, RenderDesc, SceneDesc, VolumeDesc};
+use super::desc::{RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
@@ -56,9 +58,13 @@ struct CheckedVolume {
     path: PathBuf,
     grid: Spanned<String>,
     scale: Range<usize>,
+    /// Of the channel with the largest.
     sigma_t_per_density: f32,
+    /// Of the others, over that.
+    tint: Rgb,
     albedo: Rgb,
     phase: Phase,
+    emission: Option<CheckedEmission>,
     storage: Storage,
     encoding: Range<usize>,
     /// Of the place in the scene file.
@@ -78,7 +84,8 @@ impl CheckedVolume {
         let file = std::fs::metadata(&self.path).ok();
         let file = file.map(|m| (m.len(), m.modified().ok()));
         let (path, grid, storage) = (self.path.display(), self.grid.get_ref(), &self.storage);
-        format!("{path} {file:?} {grid:?} {storage:?}")
+        let fields = self.emission.as_ref().map(|emission| &emission.names);
+        format!("{path} {file:?} {grid:?} {fields:?} {storage:?}")
     }
 
     /// Returns whether this volume has the same grid, kept in the same way.
@@ -109,7 +116,7 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
     let seed = *desc.render.seed.get_ref();
     let camera = check_camera(source, desc, resolution)?;
     let volumes = check_volumes(source, desc)?;
-    let lights = check_lights(source, desc)?;
+    let lights = check_lights(source, desc, max_memory_bytes)?;
     Ok(Checked {
         source: source.clone(),
         resolution,
@@ -206,6 +213,14 @@ fn check_volumes(source: &Source, desc: &SceneDesc) -> Check<Vec<CheckedVolume>>
     let mut volumes: Vec<_> = volumes
         .map(|volume| check_volume(source, volume))
         .collect::<Check<_>>()?;
+    let chromatic = volumes.iter().find(|v| v.tint != Rgb::WHITE);
+    if let Some(chromatic) = chromatic
+        && volumes.iter().any(|v| v.emission.is_some())
+    {
+        let message = "an extinction of several colours beside a volume that emits light";
+        let expected = "extinction_color of three equal numbers, or no emission";
+        return Err(source.error(chromatic.at.clone(), message, expected));
+    }
     // What is shared is kept for the one that asks the most of it.
     for i in 0..volumes.len() {
         let sharing = volumes.iter().filter(|v| v.shares_grid_with(&volumes[i]));
@@ -221,7 +236,9 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         file,
         frame_offset: _,
         density,
+        extinction_color,
         albedo,
+        emission,
         phase,
         encoding,
         storage_error,
@@ -235,6 +252,13 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         let expected = "a number from 0 to 3e38, in 1 / world unit";
         source.error(density.scale.span(), format!("scale is {scale}"), expected)
     })?;
+    let color = colour(source, "extinction_color", extinction_color)?;
+    let most = color.max_channel();
+    let sigma_t_per_density = sigma_t_per_density * most;
+    if !sigma_t_per_density.is_finite() {
+        let message = format!("{scale} times {most} is too large an extinction");
+        return Err(source.error(extinction_color.span(), message, "a product below 3e38"));
+    }
     if albedo.get_ref().iter().any(|a| !(0.0..=1.0).contains(a)) {
         let message = format!("albedo is {:?}", albedo.get_ref());
         return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
@@ -251,8 +275,18 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         grid: density.grid.clone(),
         scale: place(&density.scale, file),
         sigma_t_per_density,
+        // Zero: nothing is there, of whatever colour.
+        tint: if most > 0.0 {
+            Rgb(color.0.map(|c| c / most))
+        } else {
+            Rgb::WHITE
+        },
         albedo: colour(source, "albedo", albedo)?,
         phase: check_phase(source, phase)?,
+        emission: emission
+            .as_ref()
+            .map(|emission| CheckedEmission::new(source, emission))
+            .transpose()?,
         storage: Storage {
             kind: *encoding.get_ref(),
             max_error,
@@ -264,45 +298,9 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
     })
 }
 
-fn check_phase(source: &Source, phase: &Spanned<PhaseDesc>) -> Check<Phase> {
-    let PhaseDesc { kind, g } = phase.get_ref();
-    match (kind, g) {
-        (PhaseKind::Isotropic, None) => Ok(Phase::Isotropic),
-        (PhaseKind::Isotropic, Some(g)) => {
-            let mut error = source.error(g.span(), "an isotropic phase function has no g", "no g");
-            error.help = Some("write type = \"henyey-greenstein\" to scatter by g".to_owned());
-            Err(error)
-        }
-        (PhaseKind::HenyeyGreenstein, None) => {
-            let message = "a henyey-greenstein phase function needs g";
-            Err(source.error(
-                phase.span(),
-                message,
-                "g = the mean cosine, say 0.85 for clouds",
-            ))
-        }
-        (PhaseKind::HenyeyGreenstein, Some(spanned)) => {
-            let g = number(source, "g", spanned)?;
-            #[expect(clippy::cast_possible_truncation, reason = "checked after rounding")]
-            let g = g as f32;
-            // Rounding to f32 may reach 1, where the density has no limit.
-            if g.abs() < 1.0 {
-                Ok(Phase::HenyeyGreenstein { g })
-            } else {
-                let message = format!("g is {}", spanned.get_ref());
-                Err(source.error(
-                    spanned.span(),
-                    message,
-                    "a mean cosine above -1 and below 1",
-                ))
-            }
-        }
-    }
-}
-
 impl Checked {
     /// Returns a text for each volume that is the same for two scenes exactly if they load the same:
-    /// file, its length and when it was written, grid and storage.
+    /// file, its length and when it was written, grids and storage.
     pub fn volume_keys(&self) -> impl Iterator<Item = String> {
         self.volumes.iter().map(CheckedVolume::key)
     }
@@ -342,21 +340,67 @@ impl Checked {
         for volume in &self.volumes {
             let before = self.volumes[..loaded.len()].iter();
             let shared = before.clone().position(|v| v.shares_grid_with(volume));
-            let kept = || earlier.iter().find(|(key, _)| *key == volume.key());
+            let key = volume.key();
+            if let Some((_, kept)) = earlier.iter().find(|(k, _)| *k == key) {
+                let bytes = kept.grid.resident_bytes() as u64;
+                options.max_memory_bytes = options.max_memory_bytes.saturating_sub(bytes);
+                loaded.push(kept.clone());
+                continue;
+            }
             let grid = match shared {
                 Some(first) => loaded[first].clone(),
-                None => match kept() {
-                    Some((_, kept)) => kept.clone(),
-                    None => self.load_volume(volume, &options, on_stage)?,
-                },
+                None => self.load_volume(volume, &options, on_stage)?,
             };
             if shared.is_none() {
                 let bytes = grid.grid.resident_bytes() as u64;
                 options.max_memory_bytes = options.max_memory_bytes.saturating_sub(bytes);
             }
-            loaded.push(grid);
+            loaded.push(self.with_fields(volume, grid, &options)?);
         }
         Ok(loaded)
+    }
+
+    /// Loads the grids of `volume` that are no density.
+    fn with_fields(
+        &self,
+        volume: &CheckedVolume,
+        mut loaded: LoadedVolume,
+        options: &LoadOptions,
+    ) -> Result<LoadedVolume, SceneError> {
+        loaded.emission = None;
+        let Some(CheckedEmission { names, .. }) = &volume.emission else {
+            return Ok(loaded);
+        };
+        if is_cache(&volume.path) {
+            let message = "a cache file holds one grid, the density";
+            let expected = "the .vdb file";
+            let error = self.source.error(names.at(), message, expected);
+            return Err(SceneError::Description(error));
+        }
+        let archive = Archive::open(&volume.path).map_err(|e| self.at(volume.file.span(), e))?;
+        let field = names.load(&archive, options, &mut loaded.report);
+        loaded.emission = Some(field.map_err(|e| self.placed(names.at(), e))?);
+        loaded.unused_grids.retain(|name| !names.contain(name));
+        Ok(loaded)
+    }
+
+    /// Says where in the scene the file or grid is named that cannot be loaded.
+    fn placed(&self, span: Range<usize>, error: SceneError) -> SceneError {
+        match error {
+            SceneError::Volume { source, .. } => self.at(span, source),
+            other => other,
+        }
+    }
+
+    fn at(&self, span: Range<usize>, source: VdbError) -> SceneError {
+        let place = DescriptionError {
+            expected: None,
+            ..*self.source.error(span, source.to_string(), "")
+        };
+        SceneError::Volume {
+            at: Some(Box::new(place)),
+            source,
+        }
     }
 
     fn load_volume(
@@ -372,28 +416,16 @@ impl Checked {
             storage,
             ..
         } = volume;
-        let at = |span: Range<usize>, source: VdbError| {
-            let place = DescriptionError {
-                expected: None,
-                ..*self.source.error(span, source.to_string(), "")
-            };
-            SceneError::Volume {
-                at: Some(Box::new(place)),
-                source,
-            }
-        };
         on_stage(LoadStage::Read);
         if is_cache(path) {
             return self.map_volume(volume, options);
         }
-        let archive = Archive::open(path).map_err(|e| at(file.span(), e))?;
+        let archive = Archive::open(path).map_err(|e| self.at(file.span(), e))?;
         let index = archive
             .find(grid.get_ref())
-            .map_err(|e| at(place(grid, file), e))?;
-        LoadedVolume::decode(&archive, index, options, storage, on_stage).map_err(|e| match e {
-            SceneError::Volume { source, .. } => at(place(grid, file), source),
-            other => other,
-        })
+            .map_err(|e| self.at(place(grid, file), e))?;
+        LoadedVolume::decode(&archive, index, options, storage, on_stage)
+            .map_err(|e| self.placed(place(grid, file), e))
     }
 
     /// Maps the cache file that the volume is in, which must hold what the scene asks for.
@@ -472,18 +504,29 @@ impl Checked {
             sigma_t_per_density,
             albedo,
             phase,
+            tint,
             ref at,
             placement,
             ..
         } = *checked;
         let grid = Arc::clone(&loaded.grid);
         let mut medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        if tint != Rgb::WHITE {
+            medium = medium.with_extinction_color(tint);
+        }
+        let flattened = || {
+            let message = "the volume's own transform and this one flatten it";
+            self.source
+                .error(at.clone(), message, "voxels that have a volume")
+        };
         if placement != Placement::UNMOVED {
-            medium = medium.moved(placement.map).ok_or_else(|| {
-                let message = "the volume's own transform and this one flatten it";
-                self.source
-                    .error(at.clone(), message, "voxels that have a volume")
-            })?;
+            medium = medium.moved(placement.map).ok_or_else(flattened)?;
+        }
+        if let Some((emission, field)) = checked.emission.as_ref().zip(loaded.emission.clone()) {
+            let glow = emission.glow(&self.source, field)?;
+            // What moves a medium moves its light.
+            let moved = glow.moved(placement.map);
+            medium = medium.glowing(moved.ok_or_else(flattened)?);
         }
         // Nothing is drawn at a higher rate: `auto` raises it by 2 at most.
         let tracking = &self.transport.tracking;

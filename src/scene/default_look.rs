@@ -261,6 +261,7 @@ fn volume_desc(volume: &LoadedVolume, scale: f64, wishes: Wishes) -> VolumeDesc 
         phase: unplaced(PhaseDesc {
             kind: PhaseKind::HenyeyGreenstein,
             g: Some(unplaced(G)),
+            ..PhaseDesc::default()
         }),
         encoding: unplaced(match volume.stored.reason {
             Reason::Cached => StorageKind::Auto,
@@ -274,18 +275,14 @@ fn lights(axes: &Axes) -> Vec<Spanned<LightDesc>> {
     let [right, up, back] = SUN;
     let to_sun = axes.right * right + axes.up * up + axes.back * back;
     let sun = LightDesc {
-        kind: LightKind::Distant,
         direction_to_light: Some(placed_vector(to_sun, 1.0)),
         irradiance: Some(unplaced(SUN_IRRADIANCE)),
         angular_diameter_degrees: Some(unplaced(0.0)),
-        radiance: None,
+        ..LightDesc::new(LightKind::Distant)
     };
     let sky = LightDesc {
-        kind: LightKind::Constant,
-        direction_to_light: None,
-        irradiance: None,
-        angular_diameter_degrees: None,
         radiance: Some(unplaced(SKY_RADIANCE)),
+        ..LightDesc::new(LightKind::Constant)
     };
     vec![unplaced(sun), unplaced(sky)]
 }

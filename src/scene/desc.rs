@@ -98,9 +98,14 @@ pub struct VolumeDesc {
     /// Which grid is the density, and what a density of one means.
     #[serde(default)]
     pub density: DensityDesc,
+    /// What the extinction of each channel is multiplied by.
+    #[serde(default = "VolumeDesc::default_extinction_color")]
+    pub extinction_color: Spanned<[f64; 3]>,
     /// Single-scattering albedo.
     #[serde(default = "VolumeDesc::default_albedo")]
     pub albedo: Spanned<[f64; 3]>,
+    /// What the volume emits; unset: nothing.
+    pub emission: Option<Spanned<EmissionDesc>>,
     /// Phase function.
     #[serde(default = "VolumeDesc::default_phase")]
     pub phase: Spanned<PhaseDesc>,
@@ -125,7 +130,7 @@ pub struct VolumeDesc {
 
 /// A size of all axes, or of each.
 #[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
-#[serde(untagged, expecting = "a number or three")]
+#[serde(untagged, expecting = "expected a number, or three")]
 pub enum ScaleDesc {
     /// The same for all axes.
     Uniform(f64),
@@ -140,7 +145,9 @@ impl VolumeDesc {
             file: unplaced(file),
             frame_offset: 0,
             density: DensityDesc::default(),
+            extinction_color: Self::default_extinction_color(),
             albedo: Self::default_albedo(),
+            emission: None,
             phase: Self::default_phase(),
             encoding: Self::default_encoding(),
             storage_error: Self::default_storage_error(),
@@ -149,6 +156,10 @@ impl VolumeDesc {
             scale: Self::default_scale(),
             matrix: None,
         }
+    }
+
+    pub(super) fn default_extinction_color() -> Spanned<[f64; 3]> {
+        unplaced([1.0, 1.0, 1.0])
     }
 
     fn default_albedo() -> Spanned<[f64; 3]> {
@@ -199,6 +210,56 @@ impl Default for DensityDesc {
     }
 }
 
+/// `emission = { … }` of a volume: by one of `grid`, `grids` and `temperature`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct EmissionDesc {
+    /// A grid of emitted radiance per unit length, scalar or of vectors.
+    pub grid: Option<Spanned<String>>,
+    /// Three scalar grids of it, one a channel.
+    pub grids: Option<Spanned<[String; 3]>>,
+    /// A grid of temperatures.
+    pub temperature: Option<Spanned<String>>,
+    /// What the values are multiplied by; of temperatures, kelvin for each unit.
+    pub scale: Spanned<f64>,
+    /// Of `grid` and `grids`: what each channel is multiplied by as well.
+    pub color: Option<Spanned<[f64; 3]>>,
+    /// Of `temperature`: kelvin of a value of zero.
+    pub offset: Option<Spanned<f64>>,
+    /// Of `temperature`: what the black body's radiance is multiplied by.
+    pub intensity: Option<Spanned<f64>>,
+    /// Of `temperature`: what is 1 before that.
+    pub peak: Option<Spanned<PeakDesc>>,
+    /// Of `temperature`: radiance in W m⁻² sr⁻¹, in place of a peak of 1.
+    pub physical: Option<Spanned<bool>>,
+}
+
+impl Default for EmissionDesc {
+    fn default() -> Self {
+        Self {
+            grid: None,
+            grids: None,
+            temperature: None,
+            scale: unplaced(1.0),
+            color: None,
+            offset: None,
+            intensity: None,
+            peak: None,
+            physical: None,
+        }
+    }
+}
+
+/// Which peak of a black body is 1, by name.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PeakDesc {
+    /// That of its spectrum: what is hotter is brighter.
+    Spectrum,
+    /// The brightest channel: colour alone.
+    Channel,
+}
+
 /// `phase = { … }` of a volume.
 #[derive(Clone, Debug, Default, PartialEq, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -208,6 +269,12 @@ pub struct PhaseDesc {
     pub kind: PhaseKind,
     /// Mean cosine, of `henyey-greenstein` only.
     pub g: Option<Spanned<f64>>,
+    /// Mean cosines of the two lobes, of `double-henyey-greenstein` only.
+    pub gs: Option<Spanned<[f64; 2]>>,
+    /// Share of the first lobe, of `double-henyey-greenstein` only.
+    pub first_weight: Option<Spanned<f64>>,
+    /// Diameter of droplets, of `droplets` only.
+    pub diameter_micrometres: Option<Spanned<f64>>,
 }
 
 /// Phase functions by name.
@@ -219,6 +286,25 @@ pub enum PhaseKind {
     Isotropic,
     /// Henyey–Greenstein with mean cosine `g`.
     HenyeyGreenstein,
+    /// Two lobes.
+    DoubleHenyeyGreenstein,
+    /// Particles much smaller than the wavelength.
+    Rayleigh,
+    /// Water droplets of one size.
+    Droplets,
+}
+
+impl PhaseKind {
+    /// Returns its name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Isotropic => "isotropic",
+            Self::HenyeyGreenstein => "henyey-greenstein",
+            Self::DoubleHenyeyGreenstein => "double-henyey-greenstein",
+            Self::Rayleigh => "rayleigh",
+            Self::Droplets => "droplets",
+        }
+    }
 }
 
 /// `[[light]]`.
@@ -234,8 +320,69 @@ pub struct LightDesc {
     pub irradiance: Option<Spanned<[f64; 3]>>,
     /// Of `distant`: angle that the disk spans; 0 is parallel light.
     pub angular_diameter_degrees: Option<Spanned<f64>>,
-    /// Of `constant`, required: radiance from every direction.
+    /// Of `constant` and `sphere`, required: radiance from every direction, or of the surface.
     pub radiance: Option<Spanned<[f64; 3]>>,
+    /// Of `environment`, required: a latitude–longitude image, relative to the scene file.
+    pub file: Option<Spanned<PathBuf>>,
+    /// Of `environment` and `sun-sky`: what its light is multiplied by.
+    pub scale: Option<Spanned<f64>>,
+    /// Of `environment` and `sun-sky`: turn about the vertical, counter-clockwise from above.
+    pub rotate_degrees: Option<Spanned<f64>>,
+    /// Of `environment` and `sun-sky`: where the zenith is.
+    pub up: Option<Spanned<[f64; 3]>>,
+    /// Of `sun-sky`: haze.
+    pub turbidity: Option<Spanned<f64>>,
+    /// Of `sun-sky`, required: height of the sun above the horizon.
+    pub sun_elevation_degrees: Option<Spanned<f64>>,
+    /// Of `sun-sky`: direction of the sun around the zenith.
+    pub sun_azimuth_degrees: Option<Spanned<f64>>,
+    /// Of `sun-sky`: how much the ground below the horizon reflects.
+    pub ground_albedo: Option<Spanned<[f64; 3]>>,
+    /// Of `point` and `sphere`, required: where it is.
+    pub position: Option<Spanned<[f64; 3]>>,
+    /// Of `point`, required: power per steradian.
+    pub intensity: Option<Spanned<[f64; 3]>>,
+    /// Of `sphere`, required.
+    pub radius: Option<Spanned<f64>>,
+}
+
+impl LightDesc {
+    /// A light of a kind, with nothing said of it.
+    pub fn new(kind: LightKind) -> Self {
+        Self {
+            kind,
+            direction_to_light: None,
+            irradiance: None,
+            angular_diameter_degrees: None,
+            radiance: None,
+            file: None,
+            scale: None,
+            rotate_degrees: None,
+            up: None,
+            turbidity: None,
+            sun_elevation_degrees: None,
+            sun_azimuth_degrees: None,
+            ground_albedo: None,
+            position: None,
+            intensity: None,
+            radius: None,
+        }
+    }
+
+    /// Default of `scale` where it multiplies an image.
+    pub const ENVIRONMENT_SCALE: f64 = 1.0;
+    /// Default of `scale` where it multiplies kcd/m² and klx: a high sun of about 5.
+    pub const SUN_SKY_SCALE: f64 = 0.05;
+    /// Default of `rotate_degrees`.
+    pub const ROTATE_DEGREES: f64 = 0.0;
+    /// Default of `up`.
+    pub const UP: [f64; 3] = [0.0, 0.0, 1.0];
+    /// Default of `turbidity`: a clear day.
+    pub const TURBIDITY: f64 = 3.0;
+    /// Default of `sun_azimuth_degrees`.
+    pub const SUN_AZIMUTH_DEGREES: f64 = 0.0;
+    /// Default of `ground_albedo`: soil and grass.
+    pub const GROUND_ALBEDO: [f64; 3] = [0.2, 0.2, 0.2];
 }
 
 /// Lights by name.
@@ -246,6 +393,28 @@ pub enum LightKind {
     Distant,
     /// A sky of one colour.
     Constant,
+    /// A sky from an image.
+    Environment,
+    /// A clear sky and its sun, by formula.
+    SunSky,
+    /// A point in the scene.
+    Point,
+    /// A sphere in the scene.
+    Sphere,
+}
+
+impl LightKind {
+    /// Returns its name in scene files.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Distant => "distant",
+            Self::Constant => "constant",
+            Self::Environment => "environment",
+            Self::SunSky => "sun-sky",
+            Self::Point => "point",
+            Self::Sphere => "sphere",
+        }
+    }
 }
 
 /// `[render]`.

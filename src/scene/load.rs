@@ -6,6 +6,7 @@ use std::sync::Arc;
 
 use super::SceneError;
 use crate::cache::CacheFile;
+use crate::field::Field;
 use crate::grid::{DensityGrid, Storage, Stored};
 use crate::vdb::{Archive, DensityData, LoadReport};
 
@@ -37,6 +38,8 @@ pub struct LoadedVolume {
     pub active_voxel_count: Option<u64>,
     /// Other grids of the file, which were not read beyond the checks.
     pub unused_grids: Vec<String>,
+    /// What the volume emits, or the temperatures that it does by, if the scene says so.
+    pub emission: Option<Field>,
     /// Bricks of 8³ voxels.
     pub brick_count: usize,
     /// How values are stored, and why.
@@ -98,6 +101,7 @@ impl LoadedVolume {
                 .map(|g| g.address.clone())
                 .collect(),
             active_voxel_count: info.active_voxel_count,
+            emission: None,
             brick_count,
             stored,
             report,
@@ -120,6 +124,7 @@ impl LoadedVolume {
             name: file.source().grid.clone(),
             metadata: file.source().metadata.clone(),
             active_voxel_count: None,
+            emission: None,
             unused_grids: Vec::new(),
             stored: file.stored(),
             report: LoadReport::default(),

@@ -12,11 +12,15 @@
 //! Every number is checked here, once; whatever follows may rely on it.
 
 mod check;
+mod check_emission;
 mod check_light;
+mod check_phase;
 mod check_tracking;
 pub mod default_look;
 pub mod desc;
+mod environment;
 mod error;
+mod fields;
 mod files;
 mod framing;
 mod keyframes;

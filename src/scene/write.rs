@@ -8,7 +8,7 @@ use std::fmt::Write as _;
 use toml::Spanned;
 
 use super::desc::{
-    DensityDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc, ScaleDesc, SceneDesc,
+    DensityDesc, EmissionDesc, LightDesc, PeakDesc, PhaseDesc, RenderDesc, ScaleDesc, SceneDesc,
     VolumeDesc,
 };
 use crate::grid::StorageKind;
@@ -112,7 +112,9 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         file,
         frame_offset,
         density: DensityDesc { grid, scale },
+        extinction_color,
         albedo,
+        emission,
         phase,
         encoding,
         storage_error,
@@ -133,16 +135,18 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         out,
         format_args!("density = {{ grid = {grid}, scale = {scale} }} {note}"),
     );
+    if extinction_color != &VolumeDesc::default_extinction_color() {
+        let color = vector(extinction_color);
+        push(out, format_args!("extinction_color = {color}"));
+    }
     push(out, format_args!("albedo = {}", vector(albedo)));
-    let PhaseDesc { kind, g } = phase.get_ref();
-    let kind = match kind {
-        PhaseKind::Isotropic => "isotropic",
-        PhaseKind::HenyeyGreenstein => "henyey-greenstein",
-    };
-    let g = g
-        .as_ref()
-        .map_or(String::new(), |g| format!(", g = {}", number(*g.get_ref())));
-    push(out, format_args!("phase = {{ type = \"{kind}\"{g} }}"));
+    if let Some(emission) = emission {
+        push_emission(out, emission.get_ref());
+    }
+    push(
+        out,
+        format_args!("phase = {}", phase_table(phase.get_ref())),
+    );
     if *encoding.get_ref() != StorageKind::default() {
         let name = encoding.get_ref().name();
         push(out, format_args!("encoding = \"{name}\""));
@@ -170,6 +174,77 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
     }
 }
 
+fn phase_table(phase: &PhaseDesc) -> String {
+    let PhaseDesc {
+        kind,
+        g,
+        gs,
+        first_weight,
+        diameter_micrometres,
+    } = phase;
+    let mut table = format!("{{ type = \"{}\"", kind.name());
+    let mut add = |key: &str, value: String| {
+        write!(table, ", {key} = {value}").expect("writing to a string cannot fail");
+    };
+    if let Some(g) = g {
+        add("g", number(*g.get_ref()));
+    }
+    if let Some(gs) = gs {
+        let [a, b] = gs.get_ref().map(number);
+        add("gs", format!("[{a}, {b}]"));
+    }
+    if let Some(weight) = first_weight {
+        add("first_weight", number(*weight.get_ref()));
+    }
+    if let Some(diameter) = diameter_micrometres {
+        add("diameter_micrometres", number(*diameter.get_ref()));
+    }
+    table + " }"
+}
+
+fn push_emission(out: &mut String, emission: &EmissionDesc) {
+    let EmissionDesc {
+        grid,
+        grids,
+        temperature,
+        scale,
+        color,
+        offset,
+        intensity,
+        peak,
+        physical,
+    } = emission;
+    let mut keys = Vec::new();
+    let mut key = |name: &str, value: Option<String>| {
+        keys.extend(value.map(|value| format!("{name} = {value}")));
+    };
+    let names = |names: &Spanned<[String; 3]>| {
+        let [r, g, b] = names.get_ref().each_ref().map(|name| string(name));
+        format!("[{r}, {g}, {b}]")
+    };
+    let one = |x: &Spanned<f64>| number(*x.get_ref());
+    key("grid", grid.as_ref().map(|g| string(g.get_ref())));
+    key("grids", grids.as_ref().map(names));
+    key(
+        "temperature",
+        temperature.as_ref().map(|g| string(g.get_ref())),
+    );
+    key("scale", Some(one(scale)));
+    key("color", color.as_ref().map(vector));
+    key("offset", offset.as_ref().map(one));
+    key("intensity", intensity.as_ref().map(one));
+    let peak = peak.as_ref().map(|peak| match peak.get_ref() {
+        PeakDesc::Spectrum => "\"spectrum\"".to_owned(),
+        PeakDesc::Channel => "\"channel\"".to_owned(),
+    });
+    key("peak", peak);
+    key(
+        "physical",
+        physical.as_ref().map(|p| p.get_ref().to_string()),
+    );
+    push(out, format_args!("emission = {{ {} }}", keys.join(", ")));
+}
+
 fn push_light(out: &mut String, light: &LightDesc) {
     let LightDesc {
         kind,
@@ -177,26 +252,50 @@ fn push_light(out: &mut String, light: &LightDesc) {
         irradiance,
         angular_diameter_degrees,
         radiance,
+        file,
+        scale,
+        rotate_degrees,
+        up,
+        turbidity,
+        sun_elevation_degrees,
+        sun_azimuth_degrees,
+        ground_albedo,
+        position,
+        intensity,
+        radius,
     } = light;
-    let kind = match kind {
-        LightKind::Distant => "distant",
-        LightKind::Constant => "constant",
-    };
-    push(out, format_args!("\n[[light]]\ntype = \"{kind}\""));
-    if let Some(d) = direction_to_light {
-        push(out, format_args!("direction_to_light = {}", vector(d)));
+    push(out, format_args!("\n[[light]]\ntype = \"{}\"", kind.name()));
+    if let Some(file) = file {
+        let file = string(&file.get_ref().to_string_lossy());
+        push(out, format_args!("file = {file}"));
     }
-    if let Some(e) = irradiance {
-        push(out, format_args!("irradiance = {}", vector(e)));
+    let numbers = [
+        ("scale", scale),
+        ("rotate_degrees", rotate_degrees),
+        ("turbidity", turbidity),
+        ("sun_elevation_degrees", sun_elevation_degrees),
+        ("sun_azimuth_degrees", sun_azimuth_degrees),
+        ("radius", radius),
+        ("angular_diameter_degrees", angular_diameter_degrees),
+    ];
+    let vectors = [
+        ("up", up),
+        ("position", position),
+        ("direction_to_light", direction_to_light),
+        ("irradiance", irradiance),
+        ("intensity", intensity),
+        ("radiance", radiance),
+        ("ground_albedo", ground_albedo),
+    ];
+    for (key, value) in vectors {
+        if let Some(value) = value {
+            push(out, format_args!("{key} = {}", vector(value)));
+        }
     }
-    if let Some(d) = angular_diameter_degrees {
-        push(
-            out,
-            format_args!("angular_diameter_degrees = {}", number(*d.get_ref())),
-        );
-    }
-    if let Some(l) = radiance {
-        push(out, format_args!("radiance = {}", vector(l)));
+    for (key, value) in numbers {
+        if let Some(value) = value {
+            push(out, format_args!("{key} = {}", number(*value.get_ref())));
+        }
     }
 }
 

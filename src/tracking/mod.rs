@@ -2,6 +2,7 @@
 //!
 //! * [`collision`]: the one loop that draws free flights over bound segments.
 //! * [`distance`]: closed form, delta, decomposition and regular tracking.
+//! * `chromatic`: flights and transmittances of three channels at once.
 //! * `expected`: the transmittance, and one collision that stands for the rest.
 //! * [`transmittance`]: closed form, exact, ratio, residual ratio, delta, ray marching.
 //! * `power_series`: the debiased exponential of a ray-marched optical depth.
@@ -11,6 +12,7 @@
 //! the rate (how many collisions are drawn for each unit of it) are separate parameters of all of
 //! them. No lights, camera or film here.
 
+mod chromatic;
 pub mod collision;
 pub mod distance;
 mod expected;
@@ -19,6 +21,7 @@ mod settings;
 mod survey;
 pub mod transmittance;
 
+pub use chromatic::{ChromaticFlight, Null};
 pub use expected::ExpectedFlight;
 pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 pub use survey::{BrickShares, Survey};

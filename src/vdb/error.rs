@@ -154,6 +154,19 @@ pub enum VdbError {
         /// Its value type.
         type_name: String,
     },
+    /// A scalar grid was asked for where only vectors make sense.
+    #[error(
+        "{}: grid {grid:?} has values of type {type_name}, expected three numbers a voxel; choose a vector grid",
+        path.display()
+    )]
+    NotVector {
+        /// The file.
+        path: PathBuf,
+        /// The grid.
+        grid: String,
+        /// Its value type.
+        type_name: String,
+    },
     /// Loading would take more memory than allowed.
     #[error(
         "{}: grid {grid:?} needs about {}, the limit is {}; raise the limit (--max-memory) or use a smaller grid",

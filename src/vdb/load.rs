@@ -116,9 +116,7 @@ impl Archive {
         index: usize,
         options: &LoadOptions,
     ) -> Result<DensityData, VdbError> {
-        let start = Instant::now();
         let walked = self.walked(index)?;
-        let transform = self.transform(index)?;
         if walked.encoding.value.is_vector() {
             return Err(VdbError::NotScalar {
                 path: self.path().to_owned(),
@@ -126,13 +124,63 @@ impl Archive {
                 type_name: self.grids()[index].type_name.clone(),
             });
         }
-        self.check_memory(index, walked, size_of::<f32>(), options)?;
-        let (mut tree, tally) = match walked.encoding.value {
+        self.density_of(index, options, || match walked.encoding.value {
             ValueType::F64 => self.decode::<f64, _>(index, walked, &Density),
             ValueType::I32 => self.decode::<i32, _>(index, walked, &Density),
             ValueType::I64 => self.decode::<i64, _>(index, walked, &Density),
             _ => self.decode::<f32, _>(index, walked, &Density),
-        }?;
+        })
+    }
+
+    /// Returns whether grid `index` holds vectors.
+    ///
+    /// # Errors
+    /// If the grid is one that is only listed.
+    ///
+    /// # Panics
+    /// If there is no grid `index`.
+    pub fn is_vector(&self, index: usize) -> Result<bool, VdbError> {
+        Ok(self.walked(index)?.encoding.value.is_vector())
+    }
+
+    /// Loads one component, 0 to 2, of the vectors of grid `index` as density.
+    ///
+    /// # Errors
+    /// As [`Archive::load_density`], but for scalar grids.
+    ///
+    /// # Panics
+    /// If there is no grid `index`, or no such component.
+    pub fn load_component(
+        &self,
+        index: usize,
+        component: usize,
+        options: &LoadOptions,
+    ) -> Result<DensityData, VdbError> {
+        let walked = self.walked(index)?;
+        let of = &Component(component);
+        self.density_of(index, options, || match walked.encoding.value {
+            ValueType::Vec3F => self.decode::<[f32; 3], _>(index, walked, of),
+            ValueType::Vec3D => self.decode::<[f64; 3], _>(index, walked, of),
+            ValueType::Vec3I => self.decode::<[i32; 3], _>(index, walked, of),
+            _ => Err(VdbError::NotVector {
+                path: self.path().to_owned(),
+                grid: self.grids()[index].address.clone(),
+                type_name: self.grids()[index].type_name.clone(),
+            }),
+        })
+    }
+
+    /// Applies the policy to what `decode` makes of grid `index`.
+    fn density_of(
+        &self,
+        index: usize,
+        options: &LoadOptions,
+        decode: impl FnOnce() -> Result<(Tree<f32>, DensityTally), VdbError>,
+    ) -> Result<DensityData, VdbError> {
+        let start = Instant::now();
+        let transform = self.transform(index)?;
+        self.check_memory(index, self.walked(index)?, size_of::<f32>(), options)?;
+        let (mut tree, tally) = decode()?;
         if let Some((first, value)) = tally.first_not_finite
             && !options.sanitize
         {
@@ -308,6 +356,36 @@ impl<V: Scalar> Ingest<V> for Density {
     }
 
     fn inspect(&self, origin: Option<IVec3>, values: &mut [f32], tally: &mut DensityTally) {
+        tally.inspect(origin, values);
+    }
+
+    fn merge(&self, into: &mut DensityTally, later: DensityTally) {
+        into.merge(later);
+    }
+}
+
+/// One component of vectors, treated as density.
+struct Component(usize);
+
+impl<V: Scalar> Ingest<[V; 3]> for Component {
+    type Out = f32;
+    type Tally = DensityTally;
+
+    fn convert(&self, value: [V; 3]) -> f32 {
+        value[self.0].to_density()
+    }
+
+    fn inspect(&self, origin: Option<IVec3>, values: &mut [f32], tally: &mut DensityTally) {
+        tally.inspect(origin, values);
+    }
+
+    fn merge(&self, into: &mut DensityTally, later: DensityTally) {
+        into.merge(later);
+    }
+}
+
+impl DensityTally {
+    fn inspect(&mut self, origin: Option<IVec3>, values: &mut [f32]) {
         // One pass without branches for the bricks that are as they should be.
         if values
             .iter()
@@ -317,30 +395,29 @@ impl<V: Scalar> Ingest<V> for Density {
         }
         for (i, value) in values.iter_mut().enumerate() {
             if !value.is_finite() {
-                tally.not_finite_count += 1;
+                self.not_finite_count += 1;
                 let place = || match origin {
                     None => Place::Background,
                     Some(o) => Place::Voxel(o + crate::grid::brick::voxel_at(i)),
                 };
-                tally
-                    .first_not_finite
+                self.first_not_finite
                     .get_or_insert_with(|| (place(), f64::from(*value)));
                 *value = 0.0;
             } else if *value < 0.0 {
-                tally.negative_count += 1;
+                self.negative_count += 1;
                 *value = 0.0;
             }
         }
     }
 
-    fn merge(&self, into: &mut DensityTally, later: DensityTally) {
-        let DensityTally {
+    fn merge(&mut self, later: Self) {
+        let Self {
             negative_count,
             not_finite_count,
             first_not_finite,
         } = later;
-        into.negative_count += negative_count;
-        into.not_finite_count += not_finite_count;
-        into.first_not_finite = into.first_not_finite.or(first_not_finite);
+        self.negative_count += negative_count;
+        self.not_finite_count += not_finite_count;
+        self.first_not_finite = self.first_not_finite.or(first_not_finite);
     }
 }

@@ -133,6 +133,7 @@ fn guided(rows: &mut Rows) {
     let lights = Lights {
         distant: vec![blue.expect("a sun")],
         environment: Rgb([1.0, 0.0, 0.0]),
+        ..Lights::default()
     };
     for g in [0.5, 0.85] {
         let medium = cloud.medium(12.0, Rgb::WHITE, phase(g));

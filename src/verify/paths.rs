@@ -41,6 +41,7 @@ pub(super) fn sky(radiance: Rgb) -> Lights {
     Lights {
         distant: Vec::new(),
         environment: radiance,
+        ..Lights::default()
     }
 }
 
@@ -64,6 +65,7 @@ pub(super) fn only(distant: impl Into<Vec<DistantLight>>) -> Lights {
     Lights {
         distant: distant.into(),
         environment: Rgb::BLACK,
+        ..Lights::default()
     }
 }
 

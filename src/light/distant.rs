@@ -1,13 +1,10 @@
-//! Lights: the distant sun and the constant environment.
-//!
-//! A light either can be hit by a ray that leaves the scene (the sky, a sun with a disk) or
-//! cannot (a sun of zero diameter). What a scattered ray may count on leaving is decided by
-//! the integrator, so that no light is counted twice.
+//! The distant sun: parallel light, or light from a disk of constant radiance.
 
 use std::f64::consts::PI;
 
 use glam::DVec3;
 
+use super::LightSample;
 use crate::sampling::{Stream, sample_cone};
 use crate::spectrum::Rgb;
 
@@ -20,15 +17,6 @@ pub struct DistantLight {
     irradiance: Rgb,
     /// `1 − cos` of the disk's angular radius; 0 for parallel light.
     one_minus_cos: f64,
-}
-
-/// A direction to a light, with what arrives from there if nothing is in between.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LightSample {
-    /// Unit vector to the light.
-    pub direction: DVec3,
-    /// Radiance divided by the density of the direction.
-    pub weight: Rgb,
 }
 
 impl DistantLight {
@@ -95,6 +83,12 @@ impl DistantLight {
         }
     }
 
+    /// Returns whether there is a disk to be seen.
+    pub fn is_visible(&self) -> bool {
+        // Zero: parallel light.
+        self.one_minus_cos > 0.0
+    }
+
     /// Returns the radiance of the disk such that a facing plane receives the irradiance:
     /// E = ∫ L cos θ dω = L π sin²(radius).
     fn disk_radiance(&self) -> Rgb {
@@ -102,37 +96,6 @@ impl DistantLight {
         #[expect(clippy::cast_possible_truncation, reason = "radiance is f32")]
         let scale = (1.0 / (PI * x * (2.0 - x))) as f32;
         self.irradiance * scale
-    }
-}
-
-/// The lights of a scene.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Lights {
-    /// Suns.
-    pub distant: Vec<DistantLight>,
-    /// Radiance of the sky, the same from everywhere; black if there is none.
-    pub environment: Rgb,
-}
-
-impl Lights {
-    /// Returns a radiance that is typical of what the lights make of a white medium. For
-    /// scales of importance, not for images.
-    pub fn typical_radiance(&self) -> f32 {
-        let suns = self.distant.iter().map(DistantLight::typical_radiance);
-        self.environment.max_channel() + suns.sum::<f32>()
-    }
-
-    /// Returns what a camera sees looking past the scene, if that is the same everywhere.
-    pub fn constant_radiance(&self) -> Option<Rgb> {
-        let has_disk = self.distant.iter().any(|sun| sun.one_minus_cos > 0.0);
-        (!has_disk).then_some(self.environment)
-    }
-
-    /// Returns all that a camera sees looking past the scene: sky and suns' disks.
-    pub fn radiance(&self, direction: DVec3) -> Rgb {
-        self.distant
-            .iter()
-            .fold(self.environment, |sum, sun| sum + sun.radiance(direction))
     }
 }
 

@@ -3,6 +3,11 @@
 //! The angle is between **directions of propagation**, in and out: `cos_theta = 1` goes
 //! straight on, and `g > 0` scatters forwards. Densities are per steradian and integrate to 1
 //! over the sphere. Sampling is exact, so a sampled direction carries weight 1.
+//!
+//! Functions of two lobes choose a lobe, then draw from it: the density is that of the sum.
+
+mod draine;
+mod droplets;
 
 use std::f32::consts::PI;
 
@@ -10,6 +15,8 @@ use glam::DVec3;
 
 use crate::sampling::Stream;
 use crate::space::orthonormal_frame;
+
+pub use self::droplets::Droplets;
 
 /// A phase function of the cosine between the directions of propagation.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -24,6 +31,17 @@ pub enum Phase {
         /// Mean cosine.
         g: f32,
     },
+    /// Two Henyey–Greenstein lobes: one forwards and one backwards, say.
+    DoubleHenyeyGreenstein {
+        /// Their mean cosines, each in (−1, 1).
+        gs: [f32; 2],
+        /// Share of the first, in [0, 1].
+        first_weight: f32,
+    },
+    /// Particles much smaller than the wavelength, as air: `3 (1 + cos² θ) / 16π`.
+    Rayleigh,
+    /// Water droplets of one size: mist, fog and clouds.
+    Droplets(Droplets),
 }
 
 impl Phase {
@@ -32,6 +50,20 @@ impl Phase {
         match self {
             Self::Isotropic => 1.0 / (4.0 * PI),
             Self::HenyeyGreenstein { g } => eval_henyey_greenstein(g, 1.0 - cos_theta),
+            Self::DoubleHenyeyGreenstein {
+                gs: [a, b],
+                first_weight,
+            } => {
+                let x = 1.0 - cos_theta;
+                first_weight * eval_henyey_greenstein(a, x)
+                    + (1.0 - first_weight) * eval_henyey_greenstein(b, x)
+            }
+            Self::Rayleigh => {
+                #[expect(clippy::cast_possible_truncation, reason = "a number in [-1, 1]")]
+                let cos = cos_theta as f32;
+                3.0 / (16.0 * PI) * (1.0 + cos * cos)
+            }
+            Self::Droplets(droplets) => droplets.eval(1.0 - cos_theta),
         }
     }
 
@@ -40,11 +72,13 @@ impl Phase {
         let one_minus_cos = match self {
             Self::Isotropic => 2.0 * (1.0 - f64::from(stream.uniform())),
             Self::HenyeyGreenstein { g } => sample_henyey_greenstein(g, stream.uniform_positive()),
+            _ => self.sample_lobe(stream.uniform(), stream.uniform_positive()),
         };
         deflect(direction, one_minus_cos, stream.uniform())
     }
 
-    /// Returns `1 − cos θ` for the uniform number `u` in (0, 1]: the inverse of its distribution.
+    /// Returns `1 − cos θ` for the uniform number `u` in (0, 1]: the inverse of its distribution,
+    /// one lobe after the other if it has two.
     #[expect(
         clippy::cast_possible_truncation,
         reason = "within 6e-8 of the sampled angle"
@@ -53,16 +87,64 @@ impl Phase {
         match self {
             Self::Isotropic => 2.0 * (1.0 - u),
             Self::HenyeyGreenstein { g } => sample_henyey_greenstein(g, u) as f32,
+            _ => {
+                let first = self.first_weight();
+                // The lobes may have a share of zero, which no number is in.
+                let within = if u <= first {
+                    u / first
+                } else {
+                    (u - first) / (1.0 - first)
+                };
+                let choice = if u <= first { 0.0 } else { 1.0 };
+                self.sample_lobe(choice, within.min(1.0)) as f32
+            }
         }
     }
 
     /// Returns the mean cosine.
     pub fn mean_cosine(self) -> f32 {
         match self {
-            Self::Isotropic => 0.0,
+            Self::Isotropic | Self::Rayleigh => 0.0,
             Self::HenyeyGreenstein { g } => g,
+            Self::DoubleHenyeyGreenstein {
+                gs: [a, b],
+                first_weight,
+            } => first_weight * a + (1.0 - first_weight) * b,
+            Self::Droplets(droplets) => droplets.mean_cosine(),
         }
     }
+
+    /// Returns the share of the lobe that is drawn for choices below it.
+    fn first_weight(self) -> f32 {
+        match self {
+            Self::DoubleHenyeyGreenstein { first_weight, .. } => first_weight,
+            Self::Droplets(droplets) => droplets.first_weight(),
+            Self::Isotropic | Self::HenyeyGreenstein { .. } | Self::Rayleigh => 1.0,
+        }
+    }
+
+    /// Returns `1 − cos θ` for the uniform number `u` in the lobe that the number `choice` selects.
+    fn sample_lobe(self, choice: f32, u: f32) -> f64 {
+        match self {
+            Self::Isotropic => 2.0 * (1.0 - f64::from(u)),
+            Self::HenyeyGreenstein { g } => sample_henyey_greenstein(g, u),
+            Self::DoubleHenyeyGreenstein {
+                gs: [a, b],
+                first_weight,
+            } => sample_henyey_greenstein(if choice < first_weight { a } else { b }, u),
+            Self::Rayleigh => sample_rayleigh(u),
+            Self::Droplets(droplets) => droplets.sample(choice, u),
+        }
+    }
+}
+
+/// Draws `1 − cos θ` of Rayleigh's function from the uniform number `u`.
+///
+/// Its distribution is the cubic `(cos³ θ + 3 cos θ + 4)/8`, whose inverse is
+/// `cos θ = 2 sinh(asinh(4u − 2)/3)`, since `4 sinh³ x + 3 sinh x = sinh 3x`.
+fn sample_rayleigh(u: f32) -> f64 {
+    let cos = 2.0 * ((4.0 * f64::from(u) - 2.0).asinh() / 3.0).sinh();
+    (1.0 - cos).clamp(0.0, 2.0)
 }
 
 /// Returns the Henyey–Greenstein density in terms of `1 − cos θ`.

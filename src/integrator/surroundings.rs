@@ -1,0 +1,373 @@
+//! Light that scatters at a vertex from all that is no sun: skies from images, points and spheres.
+//!
+//! * *Maps*: their light is found in two ways, by a shadow ray in a direction drawn from the map and
+//!   by the path itself where it leaves. Each weighs what it finds by its share `p / (p + q)` of the
+//!   two densities of the direction, that of the map and that of the phase function: the balance
+//!   heuristic `[Veach1995]`. The weights are a function of the directions in and out alone and add
+//!   up to 1, which is all that it takes: that the path's direction may have been chosen by the
+//!   guide among several does not enter.
+//! * *Local lights*: one of them is chosen for a vertex, by its intensity over the distance squared.
+//!   Paths do not meet spheres: their light comes from the last collision, as that of a sun's disk.
+//! * *Between vertices*: the light of a point scatters along a segment as the inverse square of the
+//!   distance, and free flight, which knows nothing of that, collides near it rarely: in thin media
+//!   that is most of the noise. So a distance is also drawn equiangularly, the extinction looked up
+//!   there, and the transmittances estimated. The two techniques share a distance `t` by
+//!   `p_eq(t) : sigma_t(t) exp(−sigma_t(t) (t − t0))`, the second being the density of a free flight if
+//!   all of the medium before were as it is there. That too is a function of ray and distance alone,
+//!   and both look up the same trilinear extinction for it.
+
+use glam::DVec3;
+
+use super::Context;
+use super::media::Media;
+use super::path::{LEAST_BELIEF, usual_worth};
+use crate::light::{DistantLight, EnvironmentMap, Equiangular, Lights, LocalLight};
+use crate::medium::Medium;
+use crate::phase::Phase;
+use crate::sampling::Stream;
+use crate::space::{Aabb, Ray};
+use crate::spectrum::Rgb;
+use crate::stats::Counts;
+
+/// A scattering event, as far as light that arrives there is concerned.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Event<'e, 'm> {
+    pub(super) media: &'e Media<'m>,
+    /// In world space.
+    pub(super) p: DVec3,
+    /// Direction of propagation in which the path arrives.
+    pub(super) arrived: DVec3,
+    pub(super) phase: Phase,
+    /// Albedo included.
+    pub(super) throughput: Rgb,
+}
+
+impl Event<'_, '_> {
+    fn phase(&self, direction: DVec3) -> f32 {
+        self.phase.eval(self.arrived.dot(direction))
+    }
+
+    /// Returns an unbiased estimate of a sun's light that scatters here.
+    pub(super) fn sun(
+        &self,
+        sun: &DistantLight,
+        worth: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let light = sun.sample(stream);
+        let unoccluded = self.throughput * light.weight * self.phase(light.direction);
+        let to = (light.direction, f64::INFINITY);
+        self.collect(to, unoccluded, worth, stream, counts)
+    }
+
+    /// Returns an unbiased estimate of the light that scatters here of a map, in its share.
+    ///
+    /// `worth` says what a contribution of 1 from a direction is worth in shadow rays: see
+    /// [`collect`](Self::collect).
+    fn map(
+        &self,
+        map: &EnvironmentMap,
+        worth: impl FnOnce(DVec3) -> f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let Some(sample) = map.sample(stream) else {
+            return Rgb::BLACK;
+        };
+        let phase = self.phase(sample.direction);
+        // phase / pdf, times the share pdf / (pdf + phase).
+        let unoccluded = self.throughput * sample.radiance * (phase / (sample.pdf + phase));
+        let to = (sample.direction, f64::INFINITY);
+        self.collect(to, unoccluded, worth(sample.direction), stream, counts)
+    }
+
+    /// Returns an unbiased estimate of the light of maps, in their share, and of a local light that
+    /// scatters here towards the camera; `segment` is what has led here.
+    pub(super) fn surroundings(
+        &self,
+        context: &Context<'_>,
+        segment: &Ray,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let Context {
+            lights,
+            settings,
+            guide,
+            lamps,
+            ..
+        } = context;
+        let usual = usual_worth(context);
+        let mut radiance = Rgb::BLACK;
+        for (i, map) in lights.maps.iter().enumerate() {
+            let worth = |towards| match guide {
+                Some(guide) if settings.levers.light_roulette && map.is_towards_beacon(towards) => {
+                    let p = guide.position_of(self.media, self.p);
+                    let through = guide.root_transmittance(lights.distant.len() + i, p);
+                    through.max(LEAST_BELIEF) * usual
+                }
+                _ => usual,
+            };
+            radiance += self.map(map, worth, stream, counts);
+        }
+        if let Some(lamps) = lamps {
+            radiance += lamps.at_vertex(segment, self, usual, stream, counts);
+        }
+        radiance
+    }
+
+    /// Returns what arrives from a direction and a distance: `unoccluded`, as far as it gets
+    /// through.
+    ///
+    /// `worth` is what a contribution of 1 is worth in shadow rays: below 1 in all, the ray is
+    /// traced with that probability. On its way, roulette goes on by the same measure.
+    fn collect(
+        &self,
+        (direction, distance): (DVec3, f64),
+        unoccluded: Rgb,
+        worth: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let worth = unoccluded.max_channel() * worth;
+        if worth < 1.0 && stream.uniform() >= worth {
+            return Rgb::BLACK;
+        }
+        // At least the probability of having come here: zero cannot.
+        let probability = worth.min(1.0);
+        counts.shadow_rays += 1;
+        let least = worth.recip().min(1.0);
+        let ray = Ray {
+            origin: self.p,
+            direction,
+        };
+        let to = (&ray, distance);
+        let through = self.media.spectral_transmittance(to, least, stream, counts);
+        unoccluded * through * probability.recip()
+    }
+}
+
+/// Returns the light of all maps that a path finds where it leaves towards `direction`, in its
+/// share; `phase` is the density of the direction by the phase function.
+pub(super) fn met_maps(lights: &Lights, direction: DVec3, phase: f32) -> Rgb {
+    let shares = lights.maps.iter().map(|map| {
+        let (radiance, pdf) = map.radiance_and_pdf(direction);
+        radiance * (phase / (phase + pdf))
+    });
+    shares.fold(Rgb::BLACK, |sum, share| sum + share)
+}
+
+/// Returns the radiance of the spheres that a camera ray sees, as far as it gets through.
+pub(super) fn seen_spheres(
+    lights: &Lights,
+    media: &Media<'_>,
+    ray: &Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> Rgb {
+    let mut sum = Rgb::BLACK;
+    for lamp in &lights.local {
+        if let Some((radiance, t)) = lamp.meet(ray) {
+            sum += radiance * media.spectral_transmittance((ray, t), 0.0, stream, counts);
+        }
+    }
+    sum
+}
+
+/// The local lights of a scene, as seen from its media.
+#[derive(Debug)]
+pub(super) struct Lamps<'a> {
+    all: &'a [LocalLight],
+    /// Outside of which nothing scatters.
+    bounds: Aabb,
+    /// Length of its diagonal.
+    size: f64,
+    /// Whether distances are drawn equiangularly, too.
+    equiangular: bool,
+    /// See [`Lights::typical_radiance`].
+    typical_radiance: f32,
+}
+
+impl<'a> Lamps<'a> {
+    /// `None` where there is no local light, or nothing that would scatter its light.
+    pub(super) fn new(media: &[Medium], lights: &'a Lights, equiangular: bool) -> Option<Self> {
+        let mut bounds = Aabb::EMPTY;
+        for medium in media {
+            medium.for_each_occupied(|corners| {
+                for p in corners {
+                    bounds = bounds.including(p);
+                }
+            });
+        }
+        let all = &lights.local[..];
+        if all.is_empty() || bounds.min.x > bounds.max.x {
+            return None;
+        }
+        let size = (bounds.max - bounds.min).length();
+        let typical = all.iter().map(|lamp| {
+            let (position, radius) = lamp.place();
+            let away = (position - bounds.center()).length();
+            // From within, as from a quarter of the size.
+            let distance = away.max(0.25 * size).max(radius);
+            #[expect(clippy::cast_possible_truncation, reason = "a scale")]
+            let factor = (1.0 / (4.0 * std::f64::consts::PI * distance * distance)) as f32;
+            lamp.typical_intensity() * factor
+        });
+        Some(Self {
+            all,
+            bounds,
+            size,
+            equiangular,
+            typical_radiance: typical.sum(),
+        })
+    }
+
+    /// Returns a radiance that is typical of what the lights make of the media.
+    pub(super) fn typical_radiance(&self) -> f32 {
+        self.typical_radiance
+    }
+
+    /// Returns an unbiased estimate of a local light's light that scatters at `event`, which a free
+    /// flight along `segment` has met; in its share.
+    pub(super) fn at_vertex(
+        &self,
+        segment: &Ray,
+        event: &Event<'_, '_>,
+        worth: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let near = |lamp: &LocalLight| {
+            let (position, radius) = lamp.place();
+            let distance2 = (position - event.p).length_squared();
+            importance(lamp, distance2.max(radius * radius))
+        };
+        let Some((lamp, probability)) = self.choose(near, stream) else {
+            return Rgb::BLACK;
+        };
+        let Some(light) = lamp.sample(event.p, stream) else {
+            return Rgb::BLACK;
+        };
+        let share = match self.equiangular(segment, lamp) {
+            Some((equiangular, t0)) => {
+                let t = (event.p - segment.origin).dot(segment.direction);
+                let flight = flight_density(event.media.sigma_t(event.p), t - t0);
+                // Not zero: the flight has collided here.
+                flight / (flight + equiangular.pdf(t))
+            }
+            None => 1.0,
+        };
+        #[expect(clippy::cast_possible_truncation, reason = "a weight")]
+        let weight = (share / probability) as f32 * event.phase(light.direction);
+        let unoccluded = event.throughput * light.weight * weight;
+        let to = (light.direction, light.distance);
+        event.collect(to, unoccluded, worth, stream, counts)
+    }
+
+    /// Returns an unbiased estimate of a local light's light that scatters once along `segment`,
+    /// of `throughput`, at a distance drawn equiangularly; in its share.
+    pub(super) fn along(
+        &self,
+        media: &Media<'_>,
+        segment: &Ray,
+        throughput: Rgb,
+        worth: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let seen = |lamp: &LocalLight| {
+            let (position, radius) = lamp.place();
+            let to = position - segment.origin;
+            let along = to.dot(segment.direction).max(0.0);
+            let beside2 = (to - segment.direction * along).length_squared();
+            importance(lamp, beside2.max(radius * radius)).sqrt()
+        };
+        let Some((lamp, probability)) = self.choose(seen, stream) else {
+            return Rgb::BLACK;
+        };
+        let Some((equiangular, t0)) = self.equiangular(segment, lamp) else {
+            return Rgb::BLACK;
+        };
+        let t = equiangular.sample(f64::from(stream.uniform_positive()));
+        let p = segment.at(t);
+        counts.lookups += 8;
+        let Some((medium, sigma_t)) = media.choose(p, stream) else {
+            return Rgb::BLACK;
+        };
+        let Some(light) = lamp.sample(p, stream) else {
+            return Rgb::BLACK;
+        };
+        let flight = flight_density(sigma_t, t - t0);
+        let density = probability * (equiangular.pdf(t) + flight);
+        #[expect(clippy::cast_possible_truncation, reason = "a weight")]
+        let weight = (f64::from(sigma_t) / density) as f32;
+        let event = Event {
+            media,
+            p,
+            arrived: segment.direction,
+            phase: medium.phase(),
+            throughput: throughput * medium.tint() * medium.albedo(),
+        };
+        let unoccluded = event.throughput * light.weight * (weight * event.phase(light.direction));
+        // First the shadow ray, whose roulette knows what is at stake.
+        let to = (light.direction, light.distance);
+        let scattered = event.collect(to, unoccluded, worth, stream, counts);
+        if scattered.is_black() {
+            return scattered;
+        }
+        let least = (scattered.max_channel() * worth).recip().min(1.0);
+        scattered * media.spectral_transmittance((segment, t), least, stream, counts)
+    }
+
+    /// Returns the density of distances over the part of `segment` that is in the media, and where
+    /// that starts; `None` where none are drawn.
+    fn equiangular(&self, segment: &Ray, lamp: &LocalLight) -> Option<(Equiangular, f64)> {
+        if !self.equiangular {
+            return None;
+        }
+        let (t0, t1) = self.bounds.intersect(segment.origin, segment.direction)?;
+        let (position, radius) = lamp.place();
+        // A ray through a point: 1e-9 of the size is nearer than any that will be drawn.
+        let least = radius.max(1e-9 * self.size);
+        Some((Equiangular::new(segment, (t0, t1), position, least)?, t0))
+    }
+
+    /// Chooses a light in proportion to what `of` says of it; returns it with its probability.
+    fn choose(
+        &self,
+        of: impl Fn(&LocalLight) -> f32,
+        stream: &mut Stream,
+    ) -> Option<(&'a LocalLight, f64)> {
+        if let [only] = self.all {
+            return Some((only, 1.0));
+        }
+        let total: f32 = self.all.iter().map(&of).sum();
+        let mut left = stream.uniform() * total;
+        let mut last = None;
+        for lamp in self.all {
+            let part = of(lamp);
+            // Zero: a light that is out.
+            if part > 0.0 {
+                last = Some((lamp, f64::from(part / total)));
+                if left < part {
+                    break;
+                }
+                left -= part;
+            }
+        }
+        last
+    }
+}
+
+/// Returns what a light is worth at a distance.
+#[expect(clippy::cast_possible_truncation, reason = "an importance")]
+fn importance(lamp: &LocalLight, distance2: f64) -> f32 {
+    (f64::from(lamp.typical_intensity()) / distance2.max(1e-30)).min(1e30) as f32
+}
+
+/// Returns the density of a free flight of length `t` where the extinction is `sigma_t` throughout.
+fn flight_density(sigma_t: f32, t: f64) -> f64 {
+    let sigma_t = f64::from(sigma_t);
+    sigma_t * (-sigma_t * t.max(0.0)).exp()
+}
