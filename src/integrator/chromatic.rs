@@ -253,14 +253,13 @@ fn scattered_radiance<G: Gather>(
             let light = lamps.along(media, &ray, throughput, worth, stream, counts);
             radiance.add(light, bounces + 1, Source::Lamp);
         }
-        match media.chromatic_collision(&ray, &mut throughput, stream, counts) {
-            Some(further) => (t, medium) = further,
-            None => {
-                let phase = medium.phase().eval(event.arrived.dot(ray.direction));
-                let sky = lights.environment + met_maps(lights, ray.direction, phase);
-                radiance.add(throughput * sky, bounces, Source::Sky);
-                return radiance;
-            }
-        }
+        let further = media.chromatic_collision(&ray, &mut throughput, stream, counts);
+        let Some(further) = further else {
+            let phase = medium.phase().eval(event.arrived.dot(ray.direction));
+            let sky = lights.environment + met_maps(lights, ray.direction, phase);
+            radiance.add(throughput * sky, bounces, Source::Sky);
+            return radiance;
+        };
+        (t, medium) = further;
     }
 }

@@ -80,6 +80,10 @@ pub(super) fn usual_worth(context: &Context<'_>) -> f32 {
 
 /// Returns an unbiased sample of the radiance that a collision of the camera ray `ray` sends along
 /// it, times `weight`, gathered as the caller wants it.
+#[expect(
+    clippy::too_many_lines,
+    reason = "one event of a path, from its light to its end"
+)]
 pub(super) fn scattered_radiance<'a, G: Gather>(
     context: &Context<'a>,
     met: Met<'a>,
