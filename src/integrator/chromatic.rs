@@ -238,6 +238,7 @@ fn scattered_radiance(
             }
         }
         counts.scattered_rays += 1;
+        let previous = ray;
         ray = Ray {
             origin: event.p,
             direction: next.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
@@ -248,10 +249,16 @@ fn scattered_radiance(
             let worth = usual_worth(context);
             radiance += lamps.along(media, &ray, throughput, worth, stream, counts);
         }
-        match media.chromatic_collision(&ray, &mut throughput, stream, counts) {
+        let further = media.chromatic_collision(&ray, &mut throughput, stream, counts);
+        let phase = medium.phase().eval(event.arrived.dot(ray.direction));
+        if let Some(lamps) = lamps {
+            // What the flight has made of the weights beyond a sphere is 1 on average.
+            let end = further.map_or(f64::INFINITY, |(t, _)| t);
+            radiance += throughput * lamps.met(media, (&previous, &ray), phase, end);
+        }
+        match further {
             Some(further) => (t, medium) = further,
             None => {
-                let phase = medium.phase().eval(event.arrived.dot(ray.direction));
                 let sky = lights.environment + met_maps(lights, ray.direction, phase);
                 return radiance + throughput * sky;
             }

@@ -184,17 +184,18 @@ pub(super) fn scattered_radiance<'a>(
         let arrived = direction;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
         walk.turn(t, direction, f64::INFINITY);
-        if let Some(lamps) = lamps
-            && settings.max_bounces != Some(bounces)
-        {
+        let previous = segment;
+        if let Some(lamps) = lamps {
             segment = ray_from(&walk, 0.0, direction);
-            let worth = usual_worth(context);
-            radiance += lamps.along(media, &segment, throughput, worth, stream, counts);
+            if settings.max_bounces != Some(bounces) {
+                let worth = usual_worth(context);
+                radiance += lamps.along(media, &segment, throughput, worth, stream, counts);
+            }
         }
         let further = media
             .tracking(index)
             .next_collision(&mut walk, stream, counts);
-        if media.are_several() || !emitters.is_empty() {
+        if media.are_several() || !emitters.is_empty() || lamps.is_some() {
             let ray = ray_from(&walk, 0.0, direction);
             let mut end = further.unwrap_or(f64::INFINITY);
             let nearer = if media.are_several() {
@@ -207,6 +208,10 @@ pub(super) fn scattered_radiance<'a>(
                 let phase = medium.phase().eval(arrived.dot(direction));
                 let worth = (phase, throughput.max_channel());
                 radiance += throughput * emitters.along(&ray, end, worth, stream, counts);
+            }
+            if let Some(lamps) = lamps {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                radiance += throughput * lamps.met(media, (&previous, &ray), phase, end);
             }
             if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
