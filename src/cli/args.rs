@@ -280,6 +280,7 @@ pub(super) struct RenderArgs {
 
 /// Which frames, and what happens when something stops them.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Frames and interruptions")]
 pub(super) struct BatchArgs {
     /// Frames: 1001-1100, 1-100x2 (every 2nd), 1,5,9-20
     #[arg(short, long, value_name = "RANGE", allow_hyphen_values = true)]
@@ -339,6 +340,7 @@ pub(super) enum MissingArg {
 
 /// Which estimators track rays, and which numbers they use.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Estimators")]
 pub(super) struct TrackingArgs {
     /// Collisions of camera rays
     #[arg(long, value_name = "NAME", value_parser = parse_named(CameraRay::ALL, CameraRay::name))]

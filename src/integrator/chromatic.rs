@@ -223,10 +223,10 @@ fn scattered_radiance<G: Gather>(
         event.surroundings(context, &ray, (&mut radiance, bounces), stream, counts);
         let mut next: Option<DVec3> = None;
         if let Some(guide) = guide {
-            let p = guide.position_of(media, event.p);
+            let beliefs = guide.beliefs(guide.position_of(media, event.p));
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if levers.light_roulette {
-                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
@@ -235,13 +235,14 @@ fn scattered_radiance<G: Gather>(
             }
             if levers.guide {
                 let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), p, ray.direction, stream);
+                    guide.sample(medium.phase(), &beliefs, ray.direction, stream);
                 throughput *= weight;
                 importance = guided_importance;
                 next = Some(guided);
             }
         }
         counts.scattered_rays += 1;
+        let previous = ray;
         ray = Ray {
             origin: event.p,
             direction: next.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
@@ -253,14 +254,19 @@ fn scattered_radiance<G: Gather>(
             let light = lamps.along(media, &ray, throughput, worth, stream, counts);
             radiance.add(light, bounces + 1, Source::Lamp);
         }
-        match media.chromatic_collision(&ray, &mut throughput, stream, counts) {
-            Some(further) => (t, medium) = further,
-            None => {
-                let phase = medium.phase().eval(event.arrived.dot(ray.direction));
-                let sky = lights.environment + met_maps(lights, ray.direction, phase);
-                radiance.add(throughput * sky, bounces, Source::Sky);
-                return radiance;
-            }
+        let further = media.chromatic_collision(&ray, &mut throughput, stream, counts);
+        let phase = medium.phase().eval(event.arrived.dot(ray.direction));
+        if let Some(lamps) = lamps {
+            // What the flight has made of the weights beyond a sphere is 1 on average.
+            let end = further.map_or(f64::INFINITY, |(t, _)| t);
+            let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
+            radiance.add(light, bounces, Source::Lamp);
         }
+        let Some(further) = further else {
+            let sky = lights.environment + met_maps(lights, ray.direction, phase);
+            radiance.add(throughput * sky, bounces, Source::Sky);
+            return radiance;
+        };
+        (t, medium) = further;
     }
 }

@@ -101,6 +101,7 @@ pub struct TransportSettings {
 /// What makes the path integrator fast. None changes the expectation; each can be taken away, to
 /// be tested and measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "a switch for each of them")]
 pub struct Levers {
     /// Directions are chosen from several, with the suns in mind.
     pub guide: bool,

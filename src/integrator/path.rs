@@ -80,6 +80,10 @@ pub(super) fn usual_worth(context: &Context<'_>) -> f32 {
 
 /// Returns an unbiased sample of the radiance that a collision of the camera ray `ray` sends along
 /// it, times `weight`, gathered as the caller wants it.
+#[expect(
+    clippy::too_many_lines,
+    reason = "one event of a path, from its light to its end"
+)]
 pub(super) fn scattered_radiance<'a, G: Gather>(
     context: &Context<'a>,
     met: Met<'a>,
@@ -151,10 +155,10 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         };
         let mut next = None;
         if let Some(guide) = guide {
-            let p = guide.position(&walk, t);
+            let beliefs = guide.beliefs(guide.position(&walk, t));
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if light_roulette {
-                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
@@ -163,7 +167,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             }
             if steer {
                 let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), p, direction, stream);
+                    guide.sample(medium.phase(), &beliefs, direction, stream);
                 throughput *= weight;
                 importance = guided_importance;
                 next = Some(guided);
@@ -188,18 +192,19 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         let arrived = direction;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
         walk.turn(t, direction, f64::INFINITY);
-        if let Some(lamps) = lamps
-            && settings.max_bounces != Some(bounces)
-        {
+        let previous = segment;
+        if let Some(lamps) = lamps {
             segment = ray_from(&walk, 0.0, direction);
-            let worth = usual_worth(context);
-            let light = lamps.along(media, &segment, throughput, worth, stream, counts);
-            radiance.add(light, bounces + 1, Source::Lamp);
+            if settings.max_bounces != Some(bounces) {
+                let worth = usual_worth(context);
+                let light = lamps.along(media, &segment, throughput, worth, stream, counts);
+                radiance.add(light, bounces + 1, Source::Lamp);
+            }
         }
         let further = media
             .tracking(index)
             .next_collision(&mut walk, stream, counts);
-        if media.are_several() || !emitters.is_empty() {
+        if media.are_several() || !emitters.is_empty() || lamps.is_some() {
             let ray = ray_from(&walk, 0.0, direction);
             let mut end = further.unwrap_or(f64::INFINITY);
             let nearer = if media.are_several() {
@@ -214,23 +219,26 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                 let light = throughput * emitters.along(&ray, end, worth, stream, counts);
                 radiance.add(light, bounces, Source::Emission);
             }
+            if let Some(lamps) = lamps {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
+                radiance.add(light, bounces, Source::Lamp);
+            }
             if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
                 continue;
             }
         }
-        match further {
-            Some(further) => t = further,
-            None => {
-                let mut sky = lights.environment;
-                if !lights.maps.is_empty() {
-                    let phase = medium.phase().eval(arrived.dot(direction));
-                    sky += met_maps(lights, direction, phase);
-                }
-                radiance.add(throughput * sky, bounces, Source::Sky);
-                return radiance;
+        let Some(further) = further else {
+            let mut sky = lights.environment;
+            if !lights.maps.is_empty() {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                sky += met_maps(lights, direction, phase);
             }
-        }
+            radiance.add(throughput * sky, bounces, Source::Sky);
+            return radiance;
+        };
+        t = further;
     }
 }
 

@@ -89,7 +89,8 @@ impl CheckedVolume {
         let file = std::fs::metadata(&self.path).ok();
         let file = file.map(|m| (m.len(), m.modified().ok()));
         let (path, grid, storage) = (self.path.display(), self.grid.get_ref(), &self.storage);
-        format!("{path} {file:?} {grid:?} {storage:?}")
+        let fields = self.emission.as_ref().map(|emission| &emission.names);
+        format!("{path} {file:?} {grid:?} {fields:?} {storage:?}")
     }
 
     /// Returns whether this volume has the same grid, kept in the same way.
@@ -314,7 +315,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
 
 impl Checked {
     /// Returns a text for each volume that is the same for two scenes exactly if they load the same:
-    /// file, its length and when it was written, grid and storage.
+    /// file, its length and when it was written, grids and storage.
     pub fn volume_keys(&self) -> impl Iterator<Item = String> {
         self.volumes.iter().map(CheckedVolume::key)
     }
@@ -354,13 +355,16 @@ impl Checked {
         for volume in &self.volumes {
             let before = self.volumes[..loaded.len()].iter();
             let shared = before.clone().position(|v| v.shares_grid_with(volume));
-            let kept = || earlier.iter().find(|(key, _)| *key == volume.key());
+            let key = volume.key();
+            if let Some((_, kept)) = earlier.iter().find(|(k, _)| *k == key) {
+                let bytes = kept.grid.resident_bytes() as u64;
+                options.max_memory_bytes = options.max_memory_bytes.saturating_sub(bytes);
+                loaded.push(kept.clone());
+                continue;
+            }
             let grid = match shared {
                 Some(first) => loaded[first].clone(),
-                None => match kept() {
-                    Some((_, kept)) => kept.clone(),
-                    None => self.load_volume(volume, &options, on_stage)?,
-                },
+                None => self.load_volume(volume, &options, on_stage)?,
             };
             if shared.is_none() {
                 let bytes = grid.grid.resident_bytes() as u64;
