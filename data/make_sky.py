@@ -4,7 +4,7 @@
     make_sky.py OUT.exr
 
 A gradient from a warm horizon to a blue zenith, dark ground, bands of cloud lit from below, and a low
-sun of 20,000 times the zenith, three texels wide, at an azimuth of 60 degrees and 9 degrees up.
+sun of some thousand times the zenith, three texels wide, at an azimuth of 60 degrees and 9 degrees up.
 
 Needs numpy and OpenEXR's Python module.
 """
@@ -44,7 +44,7 @@ sky += bands[..., None] * (0.25 + 0.9 * glow[..., None] ** 2) * np.array([1.0, 0
 ground = np.array([0.045, 0.04, 0.038]) * (1 + 0.5 * glow[..., None])
 image = np.where(z[..., None] > 0, sky, ground)
 disk = near_sun > np.cos(np.radians(1.5 * 180 / HEIGHT))
-image[disk] += 4000 * np.array([1.0, 0.62, 0.3])
+image[disk] += 600 * np.array([1.0, 0.62, 0.3])
 
 channels = {"RGB": image.astype(np.float16)}
 header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}

@@ -242,6 +242,7 @@ fn scattered_radiance<G: Gather>(
             }
         }
         counts.scattered_rays += 1;
+        let previous = ray;
         ray = Ray {
             origin: event.p,
             direction: next.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
@@ -254,8 +255,14 @@ fn scattered_radiance<G: Gather>(
             radiance.add(light, bounces + 1, Source::Lamp);
         }
         let further = media.chromatic_collision(&ray, &mut throughput, stream, counts);
+        let phase = medium.phase().eval(event.arrived.dot(ray.direction));
+        if let Some(lamps) = lamps {
+            // What the flight has made of the weights beyond a sphere is 1 on average.
+            let end = further.map_or(f64::INFINITY, |(t, _)| t);
+            let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
+            radiance.add(light, bounces, Source::Lamp);
+        }
         let Some(further) = further else {
-            let phase = medium.phase().eval(event.arrived.dot(ray.direction));
             let sky = lights.environment + met_maps(lights, ray.direction, phase);
             radiance.add(throughput * sky, bounces, Source::Sky);
             return radiance;

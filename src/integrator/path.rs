@@ -192,18 +192,19 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         let arrived = direction;
         direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
         walk.turn(t, direction, f64::INFINITY);
-        if let Some(lamps) = lamps
-            && settings.max_bounces != Some(bounces)
-        {
+        let previous = segment;
+        if let Some(lamps) = lamps {
             segment = ray_from(&walk, 0.0, direction);
-            let worth = usual_worth(context);
-            let light = lamps.along(media, &segment, throughput, worth, stream, counts);
-            radiance.add(light, bounces + 1, Source::Lamp);
+            if settings.max_bounces != Some(bounces) {
+                let worth = usual_worth(context);
+                let light = lamps.along(media, &segment, throughput, worth, stream, counts);
+                radiance.add(light, bounces + 1, Source::Lamp);
+            }
         }
         let further = media
             .tracking(index)
             .next_collision(&mut walk, stream, counts);
-        if media.are_several() || !emitters.is_empty() {
+        if media.are_several() || !emitters.is_empty() || lamps.is_some() {
             let ray = ray_from(&walk, 0.0, direction);
             let mut end = further.unwrap_or(f64::INFINITY);
             let nearer = if media.are_several() {
@@ -217,6 +218,11 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                 let worth = (phase, throughput.max_channel());
                 let light = throughput * emitters.along(&ray, end, worth, stream, counts);
                 radiance.add(light, bounces, Source::Emission);
+            }
+            if let Some(lamps) = lamps {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
+                radiance.add(light, bounces, Source::Lamp);
             }
             if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;

@@ -6,15 +6,23 @@
 //!   heuristic `[Veach1995]`. The weights are a function of the directions in and out alone and add
 //!   up to 1, which is all that it takes: that the path's direction may have been chosen by the
 //!   guide among several does not enter.
-//! * *Local lights*: one of them is chosen for a vertex, by its intensity over the distance squared.
-//!   Paths do not meet spheres: their light comes from the last collision, as that of a sun's disk.
+//! * *Local lights*: one of them is chosen for a vertex, by its intensity over the distance squared,
+//!   and sampled. Spheres are also met by the path itself where it goes on from there: a narrow phase
+//!   function finds them better than their own cone does.
 //! * *Between vertices*: the light of a point scatters along a segment as the inverse square of the
 //!   distance, and free flight, which knows nothing of that, collides near it rarely: in thin media
 //!   that is most of the noise. So a distance is also drawn equiangularly, the extinction looked up
-//!   there, and the transmittances estimated. The two techniques share a distance `t` by
-//!   `p_eq(t) : sigma_t(t) exp(−sigma_t(t) (t − t0))`, the second being the density of a free flight if
-//!   all of the medium before were as it is there. That too is a function of ray and distance alone,
-//!   and both look up the same trilinear extinction for it.
+//!   there, and the transmittances estimated.
+//!
+//! The three techniques of a local light share a distance `t` and a direction by their densities
+//!
+//! ```text
+//! flight(t) / angle : p_eq(t) / angle : flight(t) · phase,   flight(t) = sigma_t(t) exp(−sigma_t(t) (t − t0))
+//! ```
+//!
+//! with the solid angle of the light and the density of a free flight if all of the medium before were
+//! as it is there. That too is a function of ray, distance and direction alone, and all look up the
+//! same trilinear extinction for it.
 
 use glam::DVec3;
 
@@ -254,17 +262,11 @@ impl<'a> Lamps<'a> {
         let Some(light) = lamp.sample(event.p, stream) else {
             return Rgb::BLACK;
         };
-        let share = match self.equiangular(segment, lamp) {
-            Some((equiangular, t0)) => {
-                let t = (event.p - segment.origin).dot(segment.direction);
-                let flight = flight_density(event.media.sigma_t(event.p), t - t0);
-                // Not zero: the flight has collided here.
-                flight / (flight + equiangular.pdf(t))
-            }
-            None => 1.0,
-        };
+        let phase = event.phase(light.direction);
+        let densities = self.densities(event.media, segment, lamp, event.p);
+        let share = densities.flight / densities.sum(phase * light.solid_angle);
         #[expect(clippy::cast_possible_truncation, reason = "a weight")]
-        let weight = (share / probability) as f32 * event.phase(light.direction);
+        let weight = (share / probability) as f32 * phase;
         let unoccluded = event.throughput * light.weight * weight;
         let to = (light.direction, light.distance);
         event.collect(to, unoccluded, worth, stream, counts)
@@ -303,10 +305,10 @@ impl<'a> Lamps<'a> {
         let Some(light) = lamp.sample(p, stream) else {
             return Rgb::BLACK;
         };
-        let flight = flight_density(sigma_t, t - t0);
-        let density = probability * (equiangular.pdf(t) + flight);
-        #[expect(clippy::cast_possible_truncation, reason = "a weight")]
-        let weight = (f64::from(sigma_t) / density) as f32;
+        let densities = Densities {
+            flight: flight_density(sigma_t, t - t0),
+            equiangular: equiangular.pdf(t),
+        };
         let event = Event {
             media,
             p,
@@ -314,7 +316,11 @@ impl<'a> Lamps<'a> {
             phase: medium.phase(),
             throughput: throughput * medium.tint() * medium.albedo_at(p),
         };
-        let unoccluded = event.throughput * light.weight * (weight * event.phase(light.direction));
+        let phase = event.phase(light.direction);
+        let density = probability * densities.sum(phase * light.solid_angle);
+        #[expect(clippy::cast_possible_truncation, reason = "a weight")]
+        let weight = (f64::from(sigma_t) / density) as f32 * phase;
+        let unoccluded = event.throughput * light.weight * weight;
         // First the shadow ray, whose roulette knows what is at stake.
         let to = (light.direction, light.distance);
         let scattered = event.collect(to, unoccluded, worth, stream, counts);
@@ -323,6 +329,57 @@ impl<'a> Lamps<'a> {
         }
         let least = (scattered.max_channel() * worth).recip().min(1.0);
         scattered * media.spectral_transmittance((segment, t), least, stream, counts)
+    }
+
+    /// Returns the radiance of the spheres that a path meets on its way along `segment` to `end`, in
+    /// its share; it has come to the start along `previous`, and `phase` is the density of the
+    /// direction by the phase function.
+    pub(super) fn met(
+        &self,
+        media: &Media<'_>,
+        (previous, segment): (&Ray, &Ray),
+        phase: f32,
+        end: f64,
+    ) -> Rgb {
+        let mut sum = Rgb::BLACK;
+        for lamp in self.all {
+            if let Some((radiance, t)) = lamp.meet(segment)
+                && t < end
+            {
+                let p = segment.origin;
+                let densities = self.densities(media, previous, lamp, p);
+                let ratio = phase * lamp.solid_angle(p);
+                let share = densities.flight * f64::from(ratio) / densities.sum(ratio);
+                #[expect(clippy::cast_possible_truncation, reason = "a share")]
+                let share = share as f32;
+                sum += radiance * share;
+            }
+        }
+        sum
+    }
+
+    /// Returns the densities of the distance of `p` along `segment`.
+    fn densities(
+        &self,
+        media: &Media<'_>,
+        segment: &Ray,
+        lamp: &LocalLight,
+        p: DVec3,
+    ) -> Densities {
+        match self.equiangular(segment, lamp) {
+            Some((equiangular, t0)) => {
+                let t = (p - segment.origin).dot(segment.direction);
+                Densities {
+                    flight: flight_density(media.sigma_t(p), t - t0),
+                    equiangular: equiangular.pdf(t),
+                }
+            }
+            // Flights alone.
+            None => Densities {
+                flight: 1.0,
+                equiangular: 0.0,
+            },
+        }
     }
 
     /// Returns the density of distances over the part of `segment` that is in the media, and where
@@ -362,6 +419,23 @@ impl<'a> Lamps<'a> {
             }
         }
         last
+    }
+}
+
+/// The densities of a distance by the two ways to find one.
+#[derive(Clone, Copy, Debug)]
+struct Densities {
+    flight: f64,
+    equiangular: f64,
+}
+
+impl Densities {
+    /// Returns the sum of the densities of all techniques, times the light's solid angle; `ratio` is
+    /// that times the phase function.
+    fn sum(self, ratio: f32) -> f64 {
+        // Not zero: what is shared has been found by one of them. But it may be too small for f64.
+        let sum = self.equiangular + self.flight * (1.0 + f64::from(ratio));
+        sum.max(f64::MIN_POSITIVE)
     }
 }
 

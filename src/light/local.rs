@@ -31,6 +31,8 @@ pub struct LocalSample {
     pub distance: f64,
     /// Radiance divided by the density of the direction; for a point, irradiance.
     pub weight: Rgb,
+    /// One over that density; 0 for a point.
+    pub solid_angle: f32,
 }
 
 impl LocalLight {
@@ -105,11 +107,11 @@ impl LocalLight {
                 direction: axis,
                 distance,
                 weight: self.emitted * factor,
+                solid_angle: 0.0,
             });
         }
-        // The cone that the sphere fills, uniformly; 1 − cos keeps the digits of a narrow one.
-        let sin2 = radius2 / distance2;
-        let one_minus_cos = sin2 / (1.0 + (1.0 - sin2).sqrt());
+        // The cone that the sphere fills, uniformly.
+        let one_minus_cos = one_minus_cos(radius2 / distance2);
         let direction = sample_cone(axis, one_minus_cos, stream);
         let along = direction.dot(to_centre);
         let beside2 = (to_centre - direction * along).length_squared();
@@ -120,8 +122,21 @@ impl LocalLight {
             // Rounding may carry a direction past the rim.
             distance: along - (radius2 - beside2).max(0.0).sqrt(),
             weight: self.emitted * solid_angle,
+            solid_angle,
         })
     }
+
+    /// Returns the solid angle that it fills, seen from `p` outside of it; 0 for a point.
+    #[expect(clippy::cast_possible_truncation, reason = "a solid angle")]
+    pub fn solid_angle(&self, p: DVec3) -> f32 {
+        let sin2 = self.radius * self.radius / (self.position - p).length_squared();
+        (2.0 * PI * one_minus_cos(sin2.min(1.0))) as f32
+    }
+}
+
+/// Returns `1 − cos` of an angle, given the square of its sine: keeps the digits of a narrow one.
+fn one_minus_cos(sin2: f64) -> f64 {
+    sin2 / (1.0 + (1.0 - sin2).sqrt())
 }
 
 #[cfg(test)]
