@@ -91,7 +91,7 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     (
         &["memmap2::"],
         // Values are bytes of a map, of memory or of a file that others opened.
-        &["vdb", "grid/values", "grid/sections"],
+        &["vdb", "grid/values", "grid/sections", "grid/cells"],
         "maps memory",
     ),
     (
