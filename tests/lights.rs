@@ -421,6 +421,7 @@ fn a_painted_sun_makes_no_fireflies() {
         let film = film(&scene);
         let mut values: Vec<f64> = film.pixels().iter().map(|p| p.mean[1]).collect();
         values.sort_by(f64::total_cmp);
+        #[expect(clippy::cast_sign_loss, reason = "an index from a share of 0 to 1")]
         let at = |share: f64| values[((values.len() - 1) as f64 * share).round() as usize];
         let (mean, error) = film.mean();
         println!(
