@@ -164,6 +164,7 @@ impl Cloud {
             spp: SPP,
             seed: 0,
             frame: 0,
+            aovs: vec![],
             camera: camera.expect("a view"),
             media: vec![medium],
             lights: Lights {

@@ -75,7 +75,7 @@ pub fn xyz(kelvin: f64) -> [f64; 3] {
 /// Returns the radiance of a black body; black below 400 K.
 pub fn radiance(kelvin: f64, brightness: Brightness) -> Rgb {
     // Not a number is no temperature either.
-    if !(kelvin >= LEAST_KELVIN) {
+    if kelvin.is_nan() || kelvin < LEAST_KELVIN {
         return Rgb::BLACK;
     }
     let xyz = xyz(kelvin);

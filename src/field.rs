@@ -18,6 +18,10 @@ pub struct Field {
 }
 
 #[derive(Clone, Debug)]
+#[expect(
+    clippy::large_enum_variant,
+    reason = "a few in a scene, and one channel must not be a pointer away"
+)]
 enum Channels {
     One(Placed),
     Three([Placed; 3]),

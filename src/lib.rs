@@ -45,6 +45,7 @@
 //!     spp: 4,
 //!     seed: 0,
 //!     frame: 0,
+//!     aovs: vec![],
 //!     camera,
 //!     media: vec![medium],
 //!     lights: Lights { environment: Rgb::WHITE, ..Lights::default() },
@@ -80,6 +81,7 @@
 //! source.
 
 pub mod alias;
+pub mod aov;
 pub mod blackbody;
 pub mod cache;
 pub mod camera;

@@ -6,13 +6,14 @@
 use std::sync::Arc;
 
 use crate::emission::{Emission, Glow};
+use crate::field::Field;
 pub use crate::grid::LOOKUP_COST;
 use crate::grid::{Blocks, Bound, Cells, Columns, DensityGrid, Sampler, Traversal, VoxelWalk};
 use crate::phase::Phase;
 use crate::space::{IndexTransform, Ray};
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use glam::{DAffine3, DVec3};
+use glam::{DAffine3, DVec3, Vec3};
 
 /// A participating medium whose gray extinction follows a density grid.
 #[derive(Clone, Debug)]
@@ -29,6 +30,8 @@ pub struct Medium {
     voxel_diagonal: f32,
     blocks: Arc<Blocks>,
     emission: Option<Arc<Emission>>,
+    /// Where the albedo varies: a field, and what it is multiplied by.
+    colour: Option<(Field, f32)>,
 }
 
 impl Medium {
@@ -68,6 +71,7 @@ impl Medium {
             voxel_diagonal,
             blocks,
             emission: None,
+            colour: None,
         }
     }
 
@@ -85,8 +89,13 @@ impl Medium {
             ..
         } = *self;
         let grid = Arc::clone(&self.grid);
+        let colour = match &self.colour {
+            Some((field, scale)) => Some((field.moved(world_from_world)?, *scale)),
+            None => None,
+        };
         let moved = Self {
             tint: self.tint,
+            colour,
             ..Self::at(grid, transform, sigma_t_per_density, albedo, phase)
         };
         Some(match &self.emission {
@@ -121,7 +130,12 @@ impl Medium {
             return medium;
         }
         let tint = Rgb(color.0.map(|c| c / most)) * self.tint;
-        Self { tint, ..medium }
+        let colour = self.colour.clone();
+        Self {
+            tint,
+            colour,
+            ..medium
+        }
     }
 
     /// Returns the extinction of each channel over that of the one with the largest, which is
@@ -133,6 +147,18 @@ impl Medium {
     /// Returns whether the channels differ in their extinction.
     pub fn is_chromatic(&self) -> bool {
         self.tint != Rgb::WHITE
+    }
+
+    /// Returns this medium with the albedo of a field, times `scale`, at most 1.
+    #[must_use]
+    pub fn coloured(self, field: Field, scale: f32) -> Self {
+        let albedo = Rgb::splat((field.max() * scale).min(1.0));
+        let colour = Some((field, scale));
+        Self {
+            albedo,
+            colour,
+            ..self
+        }
     }
 
     /// Returns this medium with light of its own.
@@ -166,9 +192,8 @@ impl Medium {
     fn glow_at(&self, glow: &Glow, p_world: DVec3) -> Rgb {
         glow.emitted(p_world, || {
             let sigma_t = self.tint * self.sigma_t_at(p_world);
-            Rgb(std::array::from_fn(|c| {
-                (1.0 - self.albedo.0[c]) * sigma_t.0[c]
-            }))
+            let albedo = self.albedo_at(p_world);
+            Rgb(std::array::from_fn(|c| (1.0 - albedo.0[c]) * sigma_t.0[c]))
         })
     }
 
@@ -200,9 +225,23 @@ impl Medium {
         self.sigma_t_per_density
     }
 
-    /// Returns the single-scattering albedo, `sigma_s / sigma_t`.
+    /// Returns the single-scattering albedo, `sigma_s / sigma_t`; the largest where it varies.
     pub fn albedo(&self) -> Rgb {
         self.albedo
+    }
+
+    /// Returns whether the albedo varies from point to point.
+    pub fn is_coloured(&self) -> bool {
+        self.colour.is_some()
+    }
+
+    /// Returns the albedo at a point in world space.
+    #[inline] // bench: frame
+    pub fn albedo_at(&self, p_world: DVec3) -> Rgb {
+        match &self.colour {
+            None => self.albedo,
+            Some((field, scale)) => Rgb((field.at(p_world) * *scale).0.map(|a| a.min(1.0))),
+        }
     }
 
     /// Returns the phase function.
@@ -223,6 +262,56 @@ impl Medium {
         Some(LightColumns {
             columns: Columns::new(&self.grid, direction, root_transmittance)?,
         })
+    }
+
+    /// Returns the gradient of the extinction at a point in world space, over a voxel.
+    pub fn gradient(&self, p_world: DVec3) -> Vec3 {
+        let to_world = self.transform.world_from_index().matrix3;
+        let p_index = self.transform.index_from_world().transform_point3(p_world);
+        let mut sampler = self.grid.sampler();
+        let mut difference = |axis: DVec3| {
+            let ahead = sampler.trilinear(p_index + axis * 0.5);
+            ahead - sampler.trilinear(p_index - axis * 0.5)
+        };
+        let index = Vec3::new(
+            difference(DVec3::X),
+            difference(DVec3::Y),
+            difference(DVec3::Z),
+        );
+        // Gradients go by the inverse transpose of the map of points.
+        let gradient = to_world.inverse().transpose() * index.as_dvec3();
+        gradient.as_vec3() * self.sigma_t_per_density
+    }
+
+    /// Returns where the optical depth along `ray` reaches `depth`, and where that of what is left
+    /// is `depth`; `None` if it is less in all.
+    ///
+    /// # Cost
+    /// One step for each voxel cell, until there from either end.
+    pub fn extent(&self, ray: &Ray, depth: f64, counts: &mut Counts) -> Option<(f64, f64)> {
+        let reach = |ray: &Ray, counts: &mut Counts| {
+            let mut left = depth;
+            let mut walk = self.ray(ray, f64::INFINITY);
+            while walk.next_segment().is_some() {
+                let reached = walk.reach_depth(&mut left, counts);
+                if reached.is_some() {
+                    return reached;
+                }
+            }
+            None
+        };
+        let front = reach(ray, counts)?;
+        // Back from beyond the last segment.
+        let mut walk = self.ray(ray, f64::INFINITY);
+        let mut end = front;
+        while let Some(segment) = walk.next_segment() {
+            end = segment.t1;
+        }
+        let back = Ray {
+            origin: ray.at(end),
+            direction: -ray.direction,
+        };
+        reach(&back, counts).map(|t| (front, end - t))
     }
 
     /// Returns the trilinear extinction at a point in world space.
@@ -395,6 +484,15 @@ impl<'a> MediumRay<'a> {
     pub fn world_position(&self, t: f64) -> DVec3 {
         let to_world = self.medium.transform.world_from_index();
         to_world.transform_point3(self.index_position(t))
+    }
+
+    /// Returns the albedo of the medium at distance `t`.
+    #[inline] // bench: frame
+    pub fn albedo(&self, t: f64) -> Rgb {
+        if self.medium.colour.is_none() {
+            return self.medium.albedo;
+        }
+        self.medium.albedo_at(self.world_position(t))
     }
 
     /// Returns the medium.

@@ -7,6 +7,7 @@ use std::fmt;
 
 use serde::Serialize;
 
+use crate::aov::Aov;
 use crate::emission::Emission;
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
@@ -65,6 +66,11 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
         (_, IntegratorKind::Analog) => add("no shadow rays", "suns are found by chance"),
     }
     add_surroundings(&mut add, lights, transport);
+    let is_dark = lights.distant.is_empty() && lights.local.is_empty() && lights.maps.is_empty();
+    let glows = media.iter().any(|m| m.emission().is_some());
+    if is_dark && lights.environment.is_black() && !glows {
+        add("black image", "the scene has no light at all");
+    }
     add("active masks dropped", "rendering reads values only");
     match media.len() {
         1 => add("one medium by itself", "the scene has one volume"),
@@ -90,7 +96,7 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
                 &mut add,
                 (medium, survey),
                 transport,
-                !lights.distant.is_empty(),
+                !lights.distant.is_empty() || glows,
             );
         }
     }
@@ -110,10 +116,7 @@ pub fn plan(scene: &Scene, volumes: &[LoadedVolume]) -> Vec<PlanLine> {
             "the sky is one radiance, and no voxel is in the way",
         );
     }
-    add(
-        "no image channels but R G B A Z, variance, sampleCount",
-        "none are asked for",
-    );
+    add_aovs(&mut add, &scene.aovs);
     match transport.max_bounces {
         None => add(
             "no depth cap",
@@ -167,7 +170,7 @@ fn add_surroundings(
     transport: &TransportSettings,
 ) {
     let Lights {
-        distant,
+        distant: _,
         environment,
         maps,
         local,
@@ -207,9 +210,6 @@ fn add_surroundings(
             "black sky",
             "the scene has no constant light and no image of a sky",
         );
-        if distant.is_empty() && local.is_empty() {
-            add("black image", "the scene has no light at all");
-        }
     }
 }
 
@@ -243,6 +243,12 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
     if medium.albedo().is_black() {
         add("absorption only", "the albedo is 0");
     }
+    if medium.is_coloured() {
+        add(
+            "albedo from grids",
+            "the scene names them; a look at each collision",
+        );
+    }
     match medium.emission() {
         None => add("no emission", "the volume emits nothing"),
         Some(emission) => add_emission(add, emission),
@@ -251,6 +257,20 @@ fn add_medium(add: &mut impl FnMut(&str, &str), medium: &Medium, volume: &Loaded
     if medium.sigma_t_per_density() == 0.0 {
         add("empty medium", "the density scale is 0");
     }
+}
+
+/// Adds which channels an image has.
+fn add_aovs(add: &mut impl FnMut(&str, &str), aovs: &[Aov]) {
+    if aovs.is_empty() {
+        let what = "no image channels but R G B A Z, variance, sampleCount";
+        add(what, "none are asked for");
+        return;
+    }
+    let names: Vec<_> = aovs.iter().map(|aov| aov.name()).collect();
+    add(
+        &format!("output variables: {}", names.join(", ")),
+        "asked for; the others are left out",
+    );
 }
 
 /// Adds what a volume emits.

@@ -10,11 +10,14 @@ use std::time::Instant;
 use glam::DVec2;
 use rayon::prelude::*;
 
+use crate::aov::Aov;
 use crate::film::{Accumulation, Cell, Film, PixelCost, Region, Sample, Tile, half_of};
-use crate::integrator::Context;
+use crate::integrator::{Context, Parts, PathSample};
 use crate::sampling::{Number, PixelStreams};
 use crate::scene::Scene;
 use crate::silhouette::Silhouette;
+use crate::space::Ray;
+use crate::spectrum::Rgb;
 use crate::stats::Counts;
 
 /// Hears of finished work while a frame renders. Called from many threads.
@@ -61,7 +64,8 @@ pub fn render_with_costs(
     cancel: &AtomicBool,
 ) -> (Rendered, Vec<PixelCost>) {
     let whole = Region::whole(scene.width, scene.height);
-    let mut state = Accumulation::new([scene.width, scene.height], whole, 0);
+    let state = Accumulation::new([scene.width, scene.height], whole, 0);
+    let mut state = state.with_aovs(&scene.aovs);
     let until = [scene.spp.into(); 2];
     let start = Instant::now();
     let frame = Frame::new(scene);
@@ -185,7 +189,7 @@ impl<'a> Frame<'a> {
 
     fn render_tile(&self, tile: &mut Tile, until: [u64; 2], cancel: &AtomicBool) -> Counts {
         let mut counts = Counts::default();
-        for (x, y, cell) in tile.cells_mut() {
+        for (x, y, cell, sums) in tile.cells_and_sums_mut() {
             if cancel.load(Ordering::Relaxed) {
                 break;
             }
@@ -195,7 +199,7 @@ impl<'a> Frame<'a> {
                 continue;
             }
             let before = counts;
-            self.render_pixel([x, y], index, samples, cell, &mut counts);
+            self.render_pixel([x, y], index, samples, (cell, sums), &mut counts);
             cell.cost.values_read += counts.values_read() - before.values_read();
             cell.cost.null_collisions += counts.null_collisions - before.null_collisions;
         }
@@ -207,7 +211,7 @@ impl<'a> Frame<'a> {
         [x, y]: [u32; 2],
         index: u64,
         samples: std::ops::Range<u64>,
-        cell: &mut Cell,
+        (cell, sums): (&mut Cell, &mut [f64]),
         counts: &mut Counts,
     ) {
         let Self {
@@ -222,11 +226,19 @@ impl<'a> Frame<'a> {
             let count = samples.end - samples.start;
             counts.camera_rays += count;
             cell.batch.add_constant(radiance, count);
+            if !scene.aovs.is_empty() {
+                Variables::of_sky(radiance).add_to(sums, &scene.aovs, count as f64);
+            }
             return;
         }
         let scale = DVec2::new(f64::from(scene.width), f64::from(scene.height)).recip();
         let corner = DVec2::new(f64::from(x), f64::from(y));
         let streams = PixelStreams::new(scene.seed, scene.frame, index, scene.transport.sampler);
+        let extent = if scene.aovs.contains(&Aov::Depth) {
+            self.extent(scene.camera.ray((corner + 0.5) * scale), counts)
+        } else {
+            [f64::INFINITY; 2]
+        };
         // A copy that can stay in registers.
         let mut batch = cell.batch;
         for sample in samples {
@@ -236,7 +248,18 @@ impl<'a> Frame<'a> {
                 f64::from(stream.number(Number::FilmY)),
             );
             let ray = scene.camera.ray((corner + jitter) * scale);
-            let path = context.sample_radiance(ray, &mut stream, counts);
+            let path = if scene.aovs.is_empty() {
+                context.sample_radiance(ray, &mut stream, counts)
+            } else {
+                let before = counts.values_read();
+                let path = context.sample_parts(ray, &mut stream, counts);
+                let lookups = counts.values_read() - before;
+                let variables = Variables::of(&path, lookups as f64, extent);
+                if path.radiance.radiance.is_finite() {
+                    variables.add_to(sums, &scene.aovs, 1.0);
+                }
+                path.whole()
+            };
             if path.radiance.is_finite() {
                 let depth = |(t, weight)| (scene.camera.depth(ray.at(t)), f64::from(weight));
                 let (depth, depth_weight) = path.first_collision.map_or((0.0, 0.0), depth);
@@ -251,6 +274,100 @@ impl<'a> Frame<'a> {
             }
         }
         cell.batch = batch;
+    }
+
+    /// Returns the depths, along the camera's axis, at which the media begin and end; infinite where
+    /// there is less than [`LEAST_DEPTH`].
+    fn extent(&self, ray: Ray, counts: &mut Counts) -> [f64; 2] {
+        let depth = |t: f64| self.scene.camera.depth(ray.at(t));
+        match self.context.extent(&ray, LEAST_DEPTH, counts) {
+            Some((front, back)) => [depth(front), depth(back)],
+            None => [f64::INFINITY; 2],
+        }
+    }
+}
+
+/// Optical depth in front of which a medium has not begun, and behind which it has ended.
+const LEAST_DEPTH: f64 = 1e-3;
+
+/// Output variables of a sample.
+struct Variables {
+    parts: Parts,
+    transmittance: f64,
+    lookups: f64,
+    /// Where the media begin and end.
+    extent: [f64; 2],
+}
+
+impl Variables {
+    fn of(path: &PathSample<Parts>, lookups: f64, extent: [f64; 2]) -> Self {
+        Self {
+            parts: path.radiance,
+            transmittance: 1.0 - f64::from(path.opacity),
+            lookups,
+            extent,
+        }
+    }
+
+    /// Returns those of a ray past all media.
+    fn of_sky(radiance: Rgb) -> Self {
+        Self {
+            parts: Parts::of_sky(radiance),
+            transmittance: 1.0,
+            lookups: 0.0,
+            extent: [f64::INFINITY; 2],
+        }
+    }
+
+    /// Adds those that are asked for to the sums of a pixel, `count` times.
+    fn add_to(&self, sums: &mut [f64], aovs: &[Aov], count: f64) {
+        let Self {
+            parts,
+            transmittance,
+            lookups,
+            extent,
+        } = self;
+        let mut rest = sums.iter_mut();
+        for aov in aovs {
+            let values: &[[f32; 3]] = match aov {
+                Aov::Transmittance => {
+                    add(&mut rest, [*transmittance], count);
+                    continue;
+                }
+                Aov::Lookups => {
+                    add(&mut rest, [*lookups], count);
+                    continue;
+                }
+                Aov::Depth => {
+                    add(&mut rest, *extent, count);
+                    continue;
+                }
+                Aov::Albedo => &[parts.albedo.0],
+                Aov::Normal => &[parts.normal.to_array()],
+                Aov::Emission => &[parts.by_order[0].0],
+                Aov::Direct => &[parts.by_order[1].0],
+                Aov::Indirect => &[parts.by_order[2].0],
+                Aov::Lights => &parts.by_source.map(|light| light.0),
+            };
+            add(
+                &mut rest,
+                values.as_flattened().iter().map(|&x| x.into()),
+                count,
+            );
+        }
+    }
+}
+
+/// Adds `values`, `count` times, to the next sums.
+fn add<'a>(
+    sums: &mut impl Iterator<Item = &'a mut f64>,
+    values: impl IntoIterator<Item = f64>,
+    count: f64,
+) {
+    for value in values {
+        if let Some(sum) = sums.next() {
+            *sum += value * count;
+        }
     }
 }
 

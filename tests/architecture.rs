@@ -23,6 +23,7 @@ const TABLE: &[(&str, &str)] = &[
     ("farm", "farm sequence"),
     ("sampling", "sobol space spectrum"),
     ("alias", ""),
+    ("aov", ""),
     ("blackbody", "spectrum"),
     ("grid/brick", ""),
     ("grid/tree", "grid/brick space spectrum"),
@@ -32,7 +33,7 @@ const TABLE: &[(&str, &str)] = &[
     ("phase", "phase space spectrum sampling"),
     ("camera", "space spectrum sampling"),
     ("light", "light alias space spectrum sampling"),
-    ("film", "film space spectrum stats"),
+    ("film", "film aov space spectrum stats"),
     ("field", "grid space spectrum"),
     (
         "emission",
@@ -40,7 +41,7 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "medium",
-        "space spectrum sampling stats phase grid emission",
+        "space spectrum sampling stats phase grid field emission",
     ),
     ("silhouette", "camera medium grid"),
     ("tracking", "tracking space spectrum sampling stats medium"),
@@ -50,24 +51,24 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "scene",
-        "scene sequence vdb cache grid field blackbody emission medium phase light camera film \
+        "scene sequence vdb cache grid field aov blackbody emission medium phase light camera film \
          space spectrum sampling integrator tracking",
     ),
     (
         "plan",
-        "scene vdb grid emission medium phase light camera space spectrum sampling integrator \
+        "scene vdb grid aov emission medium phase light camera space spectrum sampling integrator \
          tracking",
     ),
     (
         "render",
-        "scene plan silhouette camera integrator film sampling stats light medium space spectrum",
+        "scene plan silhouette camera integrator film aov sampling stats light medium space spectrum",
     ),
     (
         "verify",
         "verify render scene camera integrator tracking medium grid vdb phase light film sampling \
          stats spectrum space",
     ),
-    ("output", "output film camera stats spectrum space"),
+    ("output", "output film aov camera stats spectrum space"),
     ("plot", ""),
     (
         "converge",
@@ -75,7 +76,7 @@ const TABLE: &[(&str, &str)] = &[
     ),
     (
         "cli",
-        "cli space spectrum stats sampling grid vdb cache phase camera light film medium tracking \
+        "cli space spectrum stats sampling aov grid vdb cache phase camera light film medium tracking \
          integrator sequence farm noise_limit scene plan render output converge verify",
     ),
 ];

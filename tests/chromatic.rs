@@ -182,6 +182,7 @@ fn scene(media: Vec<Medium>, lights: Lights) -> Scene {
         spp: 256,
         seed: 0,
         frame: 0,
+        aovs: vec![],
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.7, 1.5).expect("a view"),
         media,
         lights,

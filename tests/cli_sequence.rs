@@ -640,7 +640,7 @@ fn signal(child: &std::process::Child, name: &str) {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_frame_goes_on_to_the_same_bits() {
-    let s = Sequence::new(20_000);
+    let s = Sequence::new(12_000);
     let whole = s.folder.path("whole.exr");
     let part = s.folder.path("part.exr");
     let args = |out: &str| -> Vec<String> {

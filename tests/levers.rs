@@ -97,6 +97,7 @@ fn scene(grid: &Arc<DensityGrid>, degrees: f64, g: f32, sky: f32) -> Scene {
         spp: 512,
         seed: 0,
         frame: 0,
+        aovs: vec![],
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.5, 1.0).expect("a view"),
         media: vec![Medium::new(
             Arc::clone(grid),

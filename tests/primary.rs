@@ -198,6 +198,7 @@ fn scene(medium: Medium, lights: Lights, camera_ray: CameraRay, sampler: Sampler
         spp: 64,
         seed: 0,
         frame: 0,
+        aovs: vec![],
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.7, 1.5).expect("a view"),
         media: vec![medium],
         lights,

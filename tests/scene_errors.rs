@@ -103,6 +103,37 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
         ("scale = 84.0", "scale = 1e39"),
         ("albedo = [0.99, 0.99, 0.99]", "albedo = [0.99, 1.01, 0.99]"),
         ("albedo = [0.99, 0.99, 0.99]", "albedo = [0.99, nan, 0.99]"),
+        (
+            "albedo = [0.99, 0.99, 0.99]",
+            "albedo = { grid = \"Cd\", grids = [\"r\", \"g\", \"b\"] }",
+        ),
+        (
+            "albedo = [0.99, 0.99, 0.99]",
+            "albedo = { grid = \"Cd\", scale = -1 }",
+        ),
+        ("albedo = [0.99, 0.99, 0.99]", "albedo = \"Cd\""),
+        (
+            "albedo =",
+            "emission = { grid = \"flame\", temperature = \"heat\" }\nalbedo =",
+        ),
+        (
+            "albedo =",
+            "emission = { grid = \"flame\", intensity = 2.0 }\nalbedo =",
+        ),
+        (
+            "albedo =",
+            "emission = { temperature = \"heat\", color = [1, 1, 1] }\nalbedo =",
+        ),
+        (
+            "albedo =",
+            "emission = { temperature = \"heat\", peak = \"channel\", physical = true }\nalbedo =",
+        ),
+        (
+            "albedo =",
+            "emission = { grid = \"flame\", scale = nan }\nalbedo =",
+        ),
+        ("[480, 270]", "[480, 270]\naovs = [\"albdo\"]"),
+        ("[480, 270]", "[480, 270]\naovs = [\"albedo\", \"albedo\"]"),
         ("g = 0.85", "g = 1.0"),
         ("g = 0.85", "g = -0.99999999999"),
         (", g = 0.85", ""),

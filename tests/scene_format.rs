@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
+use majorant::aov::Aov;
 use majorant::scene::SceneFile;
 use majorant::scene::desc::{
-    CameraDesc, DensityDesc, ImageDesc, LightDesc, LightKind, PhaseDesc, PhaseKind, RenderDesc,
-    ScaleDesc, SceneDesc, VolumeDesc,
+    AlbedoDesc, AlbedoGridDesc, CameraDesc, DensityDesc, EmissionDesc, ImageDesc, LightDesc,
+    LightKind, PeakDesc, PhaseDesc, PhaseKind, RenderDesc, ScaleDesc, SceneDesc, VolumeDesc,
 };
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
 use toml::Spanned;
@@ -54,7 +55,7 @@ fn documented(page: &str, key: &str) -> String {
 fn documented_defaults_are_those_of_the_code() {
     let page = documentation();
     let SceneDesc {
-        image: ImageDesc { resolution },
+        image: ImageDesc { resolution, aovs },
         camera:
             CameraDesc {
                 up,
@@ -107,12 +108,15 @@ fn documented_defaults_are_those_of_the_code() {
     assert_eq!((first_weight, diameter_micrometres), (&None, &None));
     assert_eq!(*size.get_ref(), ScaleDesc::Uniform(1.0));
     assert_eq!((matrix, emission), (&None, &None));
+    let constant = AlbedoDesc::Constant([0.99, 0.99, 0.99]);
+    assert_eq!(*albedo.get_ref(), constant);
     let integrator = serde_json::to_string(integrator.get_ref()).expect("an enum");
     let shown = [
         (
             "image.resolution",
             format!("{resolution:?}", resolution = resolution.get_ref()),
         ),
+        ("image.aovs", format!("{:?}", aovs.get_ref())),
         ("camera.position", "required".to_owned()),
         ("camera.look_at", "required".to_owned()),
         ("camera.up", format!("{:?}", up.get_ref())),
@@ -128,7 +132,7 @@ fn documented_defaults_are_those_of_the_code() {
             "volume.extinction_color",
             format!("{:?}", extinction_color.get_ref()),
         ),
-        ("volume.albedo", format!("{:?}", albedo.get_ref())),
+        ("volume.albedo", "[0.99, 0.99, 0.99]".to_owned()),
         ("volume.phase.type", "\"isotropic\"".to_owned()),
         ("volume.phase.g", "none".to_owned()),
         ("volume.phase.gs", "none".to_owned()),
@@ -246,6 +250,7 @@ fn written_scenes_read_back_equal() {
     assert_eq!(parse(&file.to_toml("header")).desc, file.desc);
     // Everything that is optional, and a name that needs escaping.
     file.desc.render.max_bounces = Some(7);
+    *file.desc.image.aovs.get_mut() = Aov::ALL.to_vec();
     file.desc.render.frame = -3;
     *file.desc.render.distance.get_mut() = DistanceEstimator::Regular;
     *file.desc.render.transmittance.get_mut() = TransmittanceEstimator::ApproxRayMarching;
@@ -274,6 +279,22 @@ fn written_scenes_read_back_equal() {
         },
     );
     *second.extinction_color.get_mut() = [0.1, 1.0, 10.0];
+    *second.albedo.get_mut() = AlbedoDesc::Grid(AlbedoGridDesc {
+        grid: None,
+        grids: Some(["r", "g", "b"].map(str::to_owned)),
+        scale: 0.5,
+    });
+    second.emission = Some(Spanned::new(
+        0..0,
+        EmissionDesc {
+            temperature: Some(Spanned::new(0..0, "heat".to_owned())),
+            scale: Spanned::new(0..0, 1000.0),
+            offset: Some(Spanned::new(0..0, -10.0)),
+            intensity: Some(Spanned::new(0..0, 8.0)),
+            peak: Some(Spanned::new(0..0, PeakDesc::Channel)),
+            ..EmissionDesc::default()
+        },
+    ));
     second.matrix = Some(Spanned::new(0..0, [[1.0, 0.5, 0.0, 2.0]; 4]));
     file.desc.volume.push(Spanned::new(0..0, second));
     assert_eq!(parse(&file.to_toml("two\nlines")).desc, file.desc);

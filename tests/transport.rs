@@ -80,6 +80,7 @@ fn scene(medium: Medium, lights: Lights, transport: TransportSettings) -> Scene 
         spp: 64,
         seed: 0,
         frame: 0,
+        aovs: vec![],
         camera,
         media: vec![medium],
         lights,

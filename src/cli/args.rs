@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{ArgAction, Parser, Subcommand, ValueEnum};
 use glam::{DVec3, IVec3};
+use majorant::aov::Aov;
 use majorant::film::Region;
 use majorant::grid::StorageKind;
 use majorant::integrator::{CameraRay, IntegratorKind};
@@ -238,6 +239,9 @@ pub(super) struct RenderArgs {
     /// Values in memory
     #[arg(long, value_name = "NAME", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
     pub(super) encoding: Option<StorageKind>,
+    /// More channels in the EXR: a name, or several with commas
+    #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = parse_named(Aov::ALL, Aov::name))]
+    pub(super) aov: Vec<Aov>,
     /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
     #[arg(long, value_enum)]
     pub(super) up: Option<UpArg>,
@@ -276,6 +280,7 @@ pub(super) struct RenderArgs {
 
 /// Which frames, and what happens when something stops them.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Frames and interruptions")]
 pub(super) struct BatchArgs {
     /// Frames: 1001-1100, 1-100x2 (every 2nd), 1,5,9-20
     #[arg(short, long, value_name = "RANGE", allow_hyphen_values = true)]
@@ -335,6 +340,7 @@ pub(super) enum MissingArg {
 
 /// Which estimators track rays, and which numbers they use.
 #[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Estimators")]
 pub(super) struct TrackingArgs {
     /// Collisions of camera rays
     #[arg(long, value_name = "NAME", value_parser = parse_named(CameraRay::ALL, CameraRay::name))]

@@ -126,13 +126,13 @@ impl Estimator {
         }
     }
 
-    /// Returns whether both do the same in a scene, with or without suns.
-    pub fn is_same(&self, other: &Self, has_suns: bool) -> bool {
+    /// Returns whether both do the same in a scene, with or without shadow rays.
+    pub fn is_same(&self, other: &Self, has_shadow_rays: bool) -> bool {
         let (a, b) = (self.tracking, other.tracking);
         self.integrator == other.integrator
             && self.emission_light == other.emission_light
             && a.distance == b.distance
-            && (a.transmittance == b.transmittance || !has_suns)
+            && (a.transmittance == b.transmittance || !has_shadow_rays)
     }
 
     /// Returns whether its expectation is known to be wrong, however little of it is seen.
@@ -272,12 +272,17 @@ impl fmt::Display for Estimator {
     }
 }
 
+/// Returns whether paths ask for transmittances: towards suns, or what media emit.
+pub fn has_shadow_rays(scene: &Scene) -> bool {
+    !scene.lights.distant.is_empty() || scene.media.iter().any(|m| m.emission().is_some())
+}
+
 /// Reads a list of estimators for a scene; each is in the result once, in order.
 ///
 /// # Errors
 /// At the first that cannot be understood or that the scene does not allow.
 pub fn parse_list(list: &str, scene: &Scene) -> Result<Vec<Estimator>, EstimatorError> {
-    let has_suns = !scene.lights.distant.is_empty();
+    let has_suns = has_shadow_rays(scene);
     let mut estimators = Vec::new();
     let mut add = |text: &str| {
         let estimator = Estimator::parse(text)?;

@@ -127,6 +127,6 @@ impl Results {
 
 /// Returns which of the two automatic references an estimator is compared with: not one of its
 /// own kind.
-pub fn independent_reference(estimator: &Estimator, has_suns: bool) -> usize {
-    usize::from(estimator.is_same(&Estimator::exact(), has_suns))
+pub fn independent_reference(estimator: &Estimator, has_shadow_rays: bool) -> usize {
+    usize::from(estimator.is_same(&Estimator::exact(), has_shadow_rays))
 }

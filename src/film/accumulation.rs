@@ -9,6 +9,7 @@
 use std::ops::RangeInclusive;
 
 use super::{Batch, Film, Pixel, PixelCost, Region};
+use crate::aov::{Aov, Planes, channel_count};
 
 /// Pixels along a tile's edge: small enough to balance two threads, large enough that the
 /// rays of a tile read the same bricks.
@@ -30,16 +31,25 @@ pub struct Cell {
 pub struct Tile {
     region: Region,
     cells: Vec<Cell>,
+    /// Sums of output variables, `[cell][channel]`.
+    sums: Vec<f64>,
 }
 
 impl Tile {
-    /// Returns each pixel's column and row in the image, with its cell.
-    pub fn cells_mut(&mut self) -> impl Iterator<Item = (u32, u32, &mut Cell)> {
+    /// Returns each pixel's column and row in the image, with its cell and its sums of output
+    /// variables.
+    pub fn cells_and_sums_mut(
+        &mut self,
+    ) -> impl Iterator<Item = (u32, u32, &mut Cell, &mut [f64])> {
+        let channels = self.sums.len() / self.cells.len().max(1);
+        let mut rest = &mut self.sums[..];
         let Region { min, max } = self.region;
         let places = (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| (x, y)));
-        places
-            .zip(&mut self.cells)
-            .map(|((x, y), cell)| (x, y, cell))
+        places.zip(&mut self.cells).map(move |((x, y), cell)| {
+            let (sums, others) = std::mem::take(&mut rest).split_at_mut(channels);
+            rest = others;
+            (x, y, cell, sums)
+        })
     }
 }
 
@@ -49,6 +59,7 @@ pub struct Accumulation {
     full_size: [u32; 2],
     region: Region,
     first: u64,
+    aovs: Vec<Aov>,
     tiles: Vec<Tile>,
 }
 
@@ -73,16 +84,46 @@ impl Accumulation {
             Tile {
                 region,
                 cells: vec![empty; count],
+                sums: Vec::new(),
             }
         };
         Self {
             full_size,
             region,
             first,
+            aovs: Vec::new(),
             tiles: starts(1)
                 .flat_map(|y| starts(0).map(move |x| tile(x, y)))
                 .collect(),
         }
+    }
+
+    /// Makes room for the sums of `aovs`.
+    #[must_use]
+    pub fn with_aovs(mut self, aovs: &[Aov]) -> Self {
+        aovs.clone_into(&mut self.aovs);
+        for tile in &mut self.tiles {
+            tile.sums = vec![0.0; channel_count(aovs) * tile.cells.len()];
+        }
+        self
+    }
+
+    /// Returns which output variables are summed.
+    pub fn aovs(&self) -> &[Aov] {
+        &self.aovs
+    }
+
+    /// Returns the sums of output variables of all pixels, row by row from the top.
+    pub(super) fn sums(&self) -> impl Iterator<Item = &[f64]> {
+        let Region { min, max } = self.region;
+        let channels = channel_count(&self.aovs);
+        (min[1]..max[1]).flat_map(move |y| {
+            self.row_of_tiles(y).iter().flat_map(move |tile| {
+                let width = tile.region.width() as usize;
+                let start = (y - tile.region.min[1]) as usize * width;
+                (start..start + width).map(move |i| &tile.sums[i * channels..(i + 1) * channels])
+            })
+        })
     }
 
     /// Returns columns and rows of the whole image.
@@ -118,9 +159,12 @@ impl Accumulation {
         })
     }
 
-    /// Returns all cells for writing, tile by tile, each with column and row in the image.
-    pub(super) fn cells_mut(&mut self) -> impl Iterator<Item = (u32, u32, &mut Cell)> {
-        self.tiles.iter_mut().flat_map(Tile::cells_mut)
+    /// Returns all cells for writing, tile by tile, each with column and row in the image, and with
+    /// its sums.
+    pub(super) fn cells_and_sums_mut(
+        &mut self,
+    ) -> impl Iterator<Item = (u32, u32, &mut Cell, &mut [f64])> {
+        self.tiles.iter_mut().flat_map(Tile::cells_and_sums_mut)
     }
 
     fn row_of_tiles(&self, y: u32) -> &[Tile] {
@@ -169,7 +213,18 @@ impl Accumulation {
     /// Returns the image so far.
     pub fn film(&self) -> Film {
         let pixels: Vec<Pixel> = self.cells().map(|cell| cell.batch.pixel()).collect();
-        Film::of(self.full_size, self.region, pixels)
+        let mut planes = Planes::new(&self.aovs, pixels.len());
+        if !self.aovs.is_empty() {
+            for (i, (pixel, sums)) in pixels.iter().zip(self.sums()).enumerate() {
+                let count = pixel.count.max(1) as f64;
+                for (value, sum) in planes.pixel_mut(i).iter_mut().zip(sums) {
+                    #[expect(clippy::cast_possible_truncation, reason = "planes are f32")]
+                    let mean = (sum / count) as f32;
+                    *value = mean;
+                }
+            }
+        }
+        Film::of(self.full_size, self.region, pixels).with_planes(planes)
     }
 
     /// Returns what each pixel cost so far, row by row from the top.
@@ -205,7 +260,7 @@ mod tests {
         assert_eq!(state.missing([9, 9]), 2 * 40 * 37);
         assert_eq!(state.missing([5, 5]), 0);
         for tile in state.tiles_mut() {
-            for (x, y, cell) in tile.cells_mut() {
+            for (x, y, cell, _) in tile.cells_and_sums_mut() {
                 cell.batch.add(&Sample {
                     radiance: Rgb([x as f32, y as f32, 0.0]),
                     ..Sample::default()

@@ -1,7 +1,7 @@
 //! An accumulation as bytes, so that an interrupted frame goes on in another process.
 //!
 //! One line of JSON; then 112 bytes a pixel, little endian, row by row: the index of its next
-//! sample and its [`Batch`], bit by bit; then a checksum of the pixels. The batch and not the
+//! sample and its [`Batch`], bit by bit, and 8 for each channel of output variables; then a checksum of the pixels. The batch and not the
 //! mean: sums that were divided would not go on to the same bits.
 
 use std::io::{self, BufRead, Read as _, Write};
@@ -9,6 +9,7 @@ use std::io::{self, BufRead, Read as _, Write};
 use serde::{Deserialize, Serialize};
 
 use super::{Accumulation, Batch, Region};
+use crate::aov::{Aov, channel_count};
 use crate::stats::Counts;
 
 /// Numbers for a pixel, of eight bytes each.
@@ -55,6 +56,8 @@ struct Header<T> {
     /// First column and row, and those after the last.
     region: [u32; 4],
     first: u64,
+    /// Output variables, whose sums follow those of each pixel.
+    aovs: Vec<Aov>,
 }
 
 impl Checkpoint {
@@ -73,14 +76,16 @@ impl Checkpoint {
             full_size: state.full_size(),
             region: [min[0], min[1], max[0], max[1]],
             first: state.first(),
+            aovs: state.aovs().to_vec(),
         };
         serde_json::to_writer(&mut *out, &header)?;
         out.write_all(b"\n")?;
         let mut checksum = Checksum::new();
         let mut bytes = Vec::with_capacity(8 * WORDS);
-        for cell in state.cells() {
+        for (cell, sums) in state.cells().zip(state.sums()) {
             bytes.clear();
-            for word in std::iter::once(cell.next).chain(cell.batch.to_words()) {
+            let batch = std::iter::once(cell.next).chain(cell.batch.to_words());
+            for word in batch.chain(sums.iter().map(|sum| sum.to_bits())) {
                 checksum.add(word);
                 bytes.extend(word.to_le_bytes());
             }
@@ -118,27 +123,31 @@ impl Checkpoint {
         let mut words = Vec::new();
         let mut checksum = Checksum::new();
         let count = region.width() as usize * region.height() as usize;
-        let mut bytes = [0; 8 * WORDS];
+        let channels = channel_count(&header.aovs);
+        let mut bytes = vec![0; 8 * (WORDS + channels)];
         for _ in 0..count {
             // Grows as the file does: a short one takes no more than it has.
             input.read_exact(&mut bytes)?;
-            let pixel: [u64; WORDS] = std::array::from_fn(|i| word(bytes.as_chunks().0[i]));
-            for &word in &pixel {
-                checksum.add(word);
+            for &bytes in bytes.as_chunks().0 {
+                checksum.add(word(bytes));
+                words.push(word(bytes));
             }
-            words.push(pixel);
         }
         let mut last = [0; 8];
         input.read_exact(&mut last)?;
         if word(last) != checksum.0 {
             return Err(CheckpointError::Checksum);
         }
-        let mut state = Accumulation::new(header.full_size, region, header.first);
-        for (x, y, cell) in state.cells_mut() {
+        let state = Accumulation::new(header.full_size, region, header.first);
+        let mut state = state.with_aovs(&header.aovs);
+        for (x, y, cell, sums) in state.cells_and_sums_mut() {
             let at = (y - y0) as usize * region.width() as usize + (x - x0) as usize;
-            let [next, batch @ ..] = words[at];
-            cell.next = next;
-            cell.batch = Batch::from_words(batch);
+            let pixel = &words[at * (WORDS + channels)..][..WORDS + channels];
+            cell.next = pixel[0];
+            cell.batch = Batch::from_words(std::array::from_fn(|i| pixel[1 + i]));
+            for (sum, &word) in sums.iter_mut().zip(&pixel[WORDS..]) {
+                *sum = f64::from_bits(word);
+            }
         }
         Ok((header.about, state))
     }
@@ -178,8 +187,10 @@ mod tests {
             min: [2, 1],
             max: [20, 4],
         };
-        let mut state = Accumulation::new([21, 5], region, 8);
-        for (i, (_, _, cell)) in state.cells_mut().enumerate() {
+        let state = Accumulation::new([21, 5], region, 8);
+        let mut state = state.with_aovs(&[Aov::Albedo, Aov::Lookups]);
+        for (i, (_, _, cell, sums)) in state.cells_and_sums_mut().enumerate() {
+            sums[i % 4] = (i as f64).sqrt();
             for sample in 0..i % 4 {
                 let x = (i as f32 * 0.37 + sample as f32).sin();
                 cell.batch.add(&Sample {

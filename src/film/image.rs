@@ -1,6 +1,7 @@
 //! Images: rectangles of pixels, whole or a part of a larger one.
 
 use super::Pixel;
+use crate::aov::Planes;
 
 /// A rectangle in an image: columns and rows from the top left.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,6 +46,7 @@ pub struct Film {
     full_size: [u32; 2],
     region: Region,
     pixels: Vec<Pixel>,
+    planes: Planes,
 }
 
 impl Film {
@@ -66,7 +68,18 @@ impl Film {
             full_size,
             region,
             pixels,
+            planes: Planes::default(),
         }
+    }
+
+    /// Adds output variables, as many pixels of them.
+    pub(super) fn with_planes(self, planes: Planes) -> Self {
+        Self { planes, ..self }
+    }
+
+    /// Returns the output variables that were asked for.
+    pub fn planes(&self) -> &Planes {
+        &self.planes
     }
 
     /// Makes a film of the pixels of `region`, row by row, of an image of `full_size`; `None` if

@@ -69,7 +69,7 @@ pub(super) fn sample_radiance(
             };
         };
         first_collision.get_or_insert((t, 1.0));
-        let albedo = medium.albedo();
+        let albedo = medium.albedo_at(ray.at(t));
         let survival = albedo.max_channel();
         if stream.uniform() >= survival || settings.max_bounces == Some(bounces) {
             return PathSample {

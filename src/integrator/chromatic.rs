@@ -14,6 +14,7 @@
 use glam::DVec3;
 
 use super::media::{Media, Tracked};
+use super::parts::{Gather, Source, gathered};
 use super::path::{LEAST_BELIEF, ROULETTE_WEIGHT, least_contribution, usual_worth};
 use super::primary::{ANALOG_BELOW, SURVIVAL};
 use super::surroundings::{Event, met_maps};
@@ -117,19 +118,19 @@ fn mean(weights: Rgb) -> f32 {
 ///
 /// A single medium is crossed by expectation: transmittances, and one collision for the rest, whose
 /// path plays roulette about the usual sky. Several are met by chance.
-pub(super) fn sample_radiance(
+pub(super) fn sample_radiance<G: Gather>(
     context: &Context<'_>,
     ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> PathSample {
+) -> PathSample<G> {
     let Context { media, lights, .. } = context;
     let behind = lights.radiance(ray.direction);
     let [Tracked { medium, tracking }] = media.all() else {
         let mut weights = Rgb::WHITE;
         return match media.chromatic_collision(&ray, &mut weights, stream, counts) {
             None => PathSample {
-                radiance: behind * weights,
+                radiance: gathered(behind * weights),
                 opacity: 0.0,
                 first_collision: None,
             },
@@ -141,7 +142,7 @@ pub(super) fn sample_radiance(
         };
     };
     let flight = tracking.chromatic_flight(medium, &ray, ANALOG_BELOW, stream, counts);
-    let mut radiance = behind * flight.transmittance;
+    let mut radiance: G = gathered(behind * flight.transmittance);
     let Some((t, weights)) = flight.collision else {
         return PathSample {
             radiance,
@@ -152,12 +153,13 @@ pub(super) fn sample_radiance(
     let opacity = mean(weights);
     let survival = (SURVIVAL * opacity).min(1.0);
     let usual = lights.usual_radiance();
-    radiance += usual * weights;
     if stream.uniform() < survival {
-        let weights = weights * survival.recip();
-        let scattered = scattered_radiance(context, (t, medium), ray, weights, stream, counts);
-        radiance += scattered + usual * weights * -1.0;
+        let kept = weights * survival.recip();
+        let scattered: G = scattered_radiance(context, (t, medium), ray, kept, stream, counts);
+        radiance.add(usual * weights + usual * kept * -1.0, 1, Source::Sky);
+        radiance.merge(scattered);
     } else {
+        radiance.add(usual * weights, 1, Source::Sky);
         counts.roulette_kills += 1;
     }
     PathSample {
@@ -169,14 +171,14 @@ pub(super) fn sample_radiance(
 
 /// Returns an unbiased sample of the radiance that a collision of the camera ray `ray` at `t` with a
 /// medium sends along it, times `throughput`.
-fn scattered_radiance(
+fn scattered_radiance<G: Gather>(
     context: &Context<'_>,
     (mut t, mut medium): (f64, &Medium),
     mut ray: Ray,
     mut throughput: Rgb,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Rgb {
+) -> G {
     let Context {
         ref media,
         lights,
@@ -193,14 +195,15 @@ fn scattered_radiance(
         f32::MIN_POSITIVE
     };
     let least = least_contribution(context);
-    let mut radiance = Rgb::BLACK;
+    let mut radiance = G::default();
+    radiance.meet(medium, ray.at(t), mean(throughput));
     let mut importance = 1.0;
     let mut bounces = 0;
     loop {
         if settings.max_bounces == Some(bounces) {
             return radiance;
         }
-        throughput *= medium.albedo();
+        throughput *= medium.albedo_at(ray.at(t));
         bounces += 1;
         let worth = throughput.max_channel() * importance;
         if worth < roulette_weight {
@@ -217,21 +220,22 @@ fn scattered_radiance(
             phase: medium.phase(),
             throughput,
         };
-        radiance += event.surroundings(context, &ray, stream, counts);
+        event.surroundings(context, &ray, (&mut radiance, bounces), stream, counts);
         let mut next: Option<DVec3> = None;
         if let Some(guide) = guide {
-            let p = guide.position_of(media, event.p);
+            let beliefs = guide.beliefs(guide.position_of(media, event.p));
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if levers.light_roulette {
-                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
-                radiance += event.sun(sun, worth, stream, counts);
+                let light = event.sun(sun, worth, stream, counts);
+                radiance.add(light, bounces, Source::Sun);
             }
             if levers.guide {
                 let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), p, ray.direction, stream);
+                    guide.sample(medium.phase(), &beliefs, ray.direction, stream);
                 throughput *= weight;
                 importance = guided_importance;
                 next = Some(guided);
@@ -247,21 +251,22 @@ fn scattered_radiance(
             && settings.max_bounces != Some(bounces)
         {
             let worth = usual_worth(context);
-            radiance += lamps.along(media, &ray, throughput, worth, stream, counts);
+            let light = lamps.along(media, &ray, throughput, worth, stream, counts);
+            radiance.add(light, bounces + 1, Source::Lamp);
         }
         let further = media.chromatic_collision(&ray, &mut throughput, stream, counts);
         let phase = medium.phase().eval(event.arrived.dot(ray.direction));
         if let Some(lamps) = lamps {
             // What the flight has made of the weights beyond a sphere is 1 on average.
             let end = further.map_or(f64::INFINITY, |(t, _)| t);
-            radiance += throughput * lamps.met(media, (&previous, &ray), phase, end);
+            let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
+            radiance.add(light, bounces, Source::Lamp);
         }
-        match further {
-            Some(further) => (t, medium) = further,
-            None => {
-                let sky = lights.environment + met_maps(lights, ray.direction, phase);
-                return radiance + throughput * sky;
-            }
-        }
+        let Some(further) = further else {
+            let sky = lights.environment + met_maps(lights, ray.direction, phase);
+            radiance.add(throughput * sky, bounces, Source::Sky);
+            return radiance;
+        };
+        (t, medium) = further;
     }
 }

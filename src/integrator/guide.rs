@@ -83,6 +83,17 @@ struct SunGuide {
     share: f32,
 }
 
+/// Suns whose transmittance is looked up once for all that is asked at a point.
+const KEPT: usize = 4;
+
+/// What is believed of the suns at a point.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Beliefs {
+    p: DVec3,
+    /// Roots of the transmittances of the first suns.
+    roots: [f32; KEPT],
+}
+
 /// What is in the way of a sun.
 #[derive(Debug)]
 enum MediaColumns {
@@ -171,23 +182,45 @@ impl Guide {
             .map_or(1.0, |s| s.columns.root_transmittance(p))
     }
 
-    /// Draws a direction of propagation after scattering at `p` out of `direction`; returns
-    /// it with its weight and its importance, 1 or more.
+    /// Returns what is believed at `p`, a [`position`](Self::position).
+    #[inline] // bench: frame
+    pub(super) fn beliefs(&self, p: DVec3) -> Beliefs {
+        let mut roots = [1.0; KEPT];
+        for (root, sun) in roots.iter_mut().zip(&self.suns) {
+            *root = sun.columns.root_transmittance(p);
+        }
+        Beliefs { p, roots }
+    }
+
+    /// As [`root_transmittance`](Self::root_transmittance), where beliefs are known.
+    #[inline] // bench: frame
+    pub(super) fn believed_root(&self, index: usize, beliefs: &Beliefs) -> f32 {
+        match beliefs.roots.get(index) {
+            Some(&root) => root,
+            None => self.root_transmittance(index, beliefs.p),
+        }
+    }
+
+    /// Draws a direction of propagation after scattering, where `beliefs` are held, out of
+    /// `direction`; returns it with its weight and its importance, 1 or more.
     pub(super) fn sample(
         &self,
         phase: Phase,
-        p: DVec3,
+        beliefs: &Beliefs,
         direction: DVec3,
         stream: &mut Stream,
     ) -> (DVec3, f32, f32) {
-        let lobes = self.suns.iter().map(|sun| {
+        if !Self::steers(phase) {
+            return (phase.sample(direction, stream), 1.0, 1.0);
+        }
+        let lobes = self.suns.iter().enumerate().map(|(i, sun)| {
             // Light that arrives after one or two more scatterings comes from a wider cone,
             // and through more. Powers 1/2 and 1/8 of the root: of the transmittance 1/4 and 1/16.
-            let half = sun.columns.root_transmittance(p).sqrt();
+            let half = self.believed_root(i, beliefs).sqrt();
             let eighth = half.sqrt().sqrt();
             (sun.direction, [sun.share * half, sun.share * eighth])
         });
-        if !Self::steers(phase) || !lobes.clone().any(|(_, [_, wide])| wide > LEAST_WEIGHT) {
+        if !lobes.clone().any(|(_, [_, wide])| wide > LEAST_WEIGHT) {
             return (phase.sample(direction, stream), 1.0, 1.0);
         }
         let g = phase.mean_cosine();
@@ -367,7 +400,8 @@ mod tests {
                 let (mut sum, mut square) = ([0.0; 5], [0.0; 5]);
                 let mut weights_vary = false;
                 for _ in 0..n {
-                    let (d, w, _) = guide.sample(phase, DVec3::ZERO, direction, &mut stream);
+                    let (d, w, _) =
+                        guide.sample(phase, &guide.beliefs(DVec3::ZERO), direction, &mut stream);
                     weights_vary |= w != 1.0;
                     let towards = d.dot(suns[0]).powi(2);
                     let w = f64::from(w);

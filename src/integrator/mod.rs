@@ -6,6 +6,7 @@
 //! * `media`: several media in one scene, for both.
 //! * `guide`: importance of points and directions for the latter.
 //! * `primary`: the camera ray of the latter, up to the collision from which it goes on.
+//! * `parts`: radiance by how often light was scattered and where it comes from.
 //! * `path`: next-event estimation and roulette, the production choice.
 //! * `surroundings`: what skies from images, points and spheres add to it.
 //!
@@ -16,6 +17,7 @@ mod chromatic;
 mod emission;
 mod guide;
 mod media;
+mod parts;
 mod path;
 mod primary;
 mod surroundings;
@@ -25,6 +27,7 @@ use serde::{Deserialize, Serialize};
 use self::emission::Emitters;
 use self::guide::Guide;
 use self::media::{Media, Tracked};
+pub use self::parts::{Parts, Source};
 pub use self::primary::{Kernel, absorbing_tracking, absorbs_only};
 use self::surroundings::Lamps;
 use crate::light::Lights;
@@ -98,6 +101,7 @@ pub struct TransportSettings {
 /// What makes the path integrator fast. None changes the expectation; each can be taken away, to
 /// be tested and measured.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[expect(clippy::struct_excessive_bools, reason = "a switch for each of them")]
 pub struct Levers {
     /// Directions are chosen from several, with the suns in mind.
     pub guide: bool,
@@ -182,14 +186,25 @@ impl<'a> Context<'a> {
 
 /// What one path brings home.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PathSample {
-    /// Radiance towards the camera.
-    pub radiance: Rgb,
+pub struct PathSample<R = Rgb> {
+    /// Radiance towards the camera, or its parts.
+    pub radiance: R,
     /// Opacity along the camera ray, estimated.
     pub opacity: f32,
     /// World distance to the camera ray's collision, with its weight in the mean of such
     /// distances; `None` if it left without one.
     pub first_collision: Option<(f64, f32)>,
+}
+
+impl PathSample<Parts> {
+    /// Returns the sample without its parts.
+    pub fn whole(self) -> PathSample {
+        PathSample {
+            radiance: self.radiance.radiance,
+            opacity: self.opacity,
+            first_collision: self.first_collision,
+        }
+    }
 }
 
 impl Context<'_> {
@@ -205,5 +220,42 @@ impl Context<'_> {
             IntegratorKind::Path => primary::sample_radiance(self, ray, stream, counts),
             IntegratorKind::Analog => analog::sample_radiance(self, ray, stream, counts),
         }
+    }
+
+    /// As [`sample_radiance`](Self::sample_radiance), the same radiance in parts; of the analog
+    /// integrator, which does not tell them apart, the sum alone.
+    pub fn sample_parts(
+        &self,
+        ray: Ray,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> PathSample<Parts> {
+        counts.camera_rays += 1;
+        match self.settings.integrator {
+            IntegratorKind::Path => primary::sample_radiance(self, ray, stream, counts),
+            IntegratorKind::Analog => {
+                let PathSample {
+                    radiance,
+                    opacity,
+                    first_collision,
+                } = analog::sample_radiance(self, ray, stream, counts);
+                PathSample {
+                    radiance: Parts {
+                        radiance,
+                        ..Parts::default()
+                    },
+                    opacity,
+                    first_collision,
+                }
+            }
+        }
+    }
+
+    /// Returns where the media begin and end along `ray`: where the optical depth from the one end,
+    /// and from the other, reaches `depth`. `None` if it does not.
+    pub fn extent(&self, ray: &Ray, depth: f64, counts: &mut Counts) -> Option<(f64, f64)> {
+        let media = self.media.all().iter();
+        let extents = media.filter_map(|one| one.medium.extent(ray, depth, counts));
+        extents.reduce(|(a0, a1), (b0, b1)| (a0.min(b0), a1.max(b1)))
     }
 }

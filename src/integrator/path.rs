@@ -16,6 +16,7 @@
 
 use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
+use super::parts::{Gather, Source};
 use super::primary::Kernel;
 use super::surroundings::{Event, Lamps, met_maps};
 use super::{Context, Levers};
@@ -78,15 +79,19 @@ pub(super) fn usual_worth(context: &Context<'_>) -> f32 {
 }
 
 /// Returns an unbiased sample of the radiance that a collision of the camera ray `ray` sends along
-/// it, times `weight`.
-pub(super) fn scattered_radiance<'a>(
+/// it, times `weight`, gathered as the caller wants it.
+#[expect(
+    clippy::too_many_lines,
+    reason = "one event of a path, from its light to its end"
+)]
+pub(super) fn scattered_radiance<'a, G: Gather>(
     context: &Context<'a>,
     met: Met<'a>,
     ray: &Ray,
     weight: f32,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Rgb {
+) -> G {
     let Context {
         ref media,
         lights,
@@ -113,7 +118,7 @@ pub(super) fn scattered_radiance<'a>(
     let mut direction = ray.direction;
     // Only lamps look back at it.
     let mut segment = *ray;
-    let mut radiance = Rgb::BLACK;
+    let mut radiance = G::default();
     let mut throughput = Rgb::splat(weight);
     let mut importance = 1.0;
     let mut bounces = 0;
@@ -122,12 +127,13 @@ pub(super) fn scattered_radiance<'a>(
         mut walk,
         mut t,
     } = met;
+    radiance.meet(walk.medium(), walk.world_position(t), weight);
     loop {
         let medium = walk.medium();
         if settings.max_bounces == Some(bounces) {
             return radiance;
         }
-        throughput *= medium.albedo();
+        throughput *= walk.albedo(t);
         bounces += 1;
 
         let worth = throughput.max_channel() * importance;
@@ -149,18 +155,19 @@ pub(super) fn scattered_radiance<'a>(
         };
         let mut next = None;
         if let Some(guide) = guide {
-            let p = guide.position(&walk, t);
+            let beliefs = guide.beliefs(guide.position(&walk, t));
             for (i, sun) in lights.distant.iter().enumerate() {
                 let worth = if light_roulette {
-                    guide.root_transmittance(i, p).max(LEAST_BELIEF) / least
+                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
                 } else {
                     f32::MAX
                 };
-                radiance += vertex.direct_light(sun, worth, stream, counts);
+                let light = vertex.direct_light(sun, worth, stream, counts);
+                radiance.add(light, bounces, Source::Sun);
             }
             if steer {
                 let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), p, direction, stream);
+                    guide.sample(medium.phase(), &beliefs, direction, stream);
                 throughput *= weight;
                 importance = guided_importance;
                 next = Some(guided);
@@ -174,11 +181,12 @@ pub(super) fn scattered_radiance<'a>(
                 phase: medium.phase(),
                 throughput: vertex.throughput,
             };
-            radiance += event.surroundings(context, &segment, stream, counts);
+            event.surroundings(context, &segment, (&mut radiance, bounces), stream, counts);
         }
         if !emitters.is_empty() {
             let least = if light_roulette { LEAST_EMITTED } else { 0.0 };
-            radiance += vertex.emitted_light(emitters, least, stream, counts);
+            let light = vertex.emitted_light(emitters, least, stream, counts);
+            radiance.add(light, bounces, Source::Emission);
         }
         counts.scattered_rays += 1;
         let arrived = direction;
@@ -189,7 +197,8 @@ pub(super) fn scattered_radiance<'a>(
             segment = ray_from(&walk, 0.0, direction);
             if settings.max_bounces != Some(bounces) {
                 let worth = usual_worth(context);
-                radiance += lamps.along(media, &segment, throughput, worth, stream, counts);
+                let light = lamps.along(media, &segment, throughput, worth, stream, counts);
+                radiance.add(light, bounces + 1, Source::Lamp);
             }
         }
         let further = media
@@ -207,28 +216,29 @@ pub(super) fn scattered_radiance<'a>(
             if !emitters.is_empty() {
                 let phase = medium.phase().eval(arrived.dot(direction));
                 let worth = (phase, throughput.max_channel());
-                radiance += throughput * emitters.along(&ray, end, worth, stream, counts);
+                let light = throughput * emitters.along(&ray, end, worth, stream, counts);
+                radiance.add(light, bounces, Source::Emission);
             }
             if let Some(lamps) = lamps {
                 let phase = medium.phase().eval(arrived.dot(direction));
-                radiance += throughput * lamps.met(media, (&previous, &ray), phase, end);
+                let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
+                radiance.add(light, bounces, Source::Lamp);
             }
             if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
                 continue;
             }
         }
-        match further {
-            Some(further) => t = further,
-            None => {
-                let mut sky = lights.environment;
-                if !lights.maps.is_empty() {
-                    let phase = medium.phase().eval(arrived.dot(direction));
-                    sky += met_maps(lights, direction, phase);
-                }
-                return radiance + throughput * sky;
+        let Some(further) = further else {
+            let mut sky = lights.environment;
+            if !lights.maps.is_empty() {
+                let phase = medium.phase().eval(arrived.dot(direction));
+                sky += met_maps(lights, direction, phase);
             }
-        }
+            radiance.add(throughput * sky, bounces, Source::Sky);
+            return radiance;
+        };
+        t = further;
     }
 }
 

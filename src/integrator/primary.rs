@@ -24,6 +24,7 @@
 //! What media emit towards the camera is added to all of them.
 
 use super::media::{Met, Tracked};
+use super::parts::{Gather, Source, gathered};
 use super::surroundings::seen_spheres;
 use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, chromatic, path};
 use crate::medium::Medium;
@@ -108,13 +109,13 @@ pub fn absorbing_tracking(tracking: Tracking) -> Tracking {
 }
 
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
-pub(super) fn sample_radiance(
+pub(super) fn sample_radiance<G: Gather>(
     context: &Context<'_>,
     ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> PathSample {
-    let mut sample = match (context.kernel, context.media.all()) {
+) -> PathSample<G> {
+    let mut sample: PathSample<G> = match (context.kernel, context.media.all()) {
         (Kernel::Analog, _) => analog(context, ray, stream, counts),
         (Kernel::Chromatic, _) => chromatic::sample_radiance(context, ray, stream, counts),
         (Kernel::Expected, [one, ..]) => expected(context, one, ray, stream, counts),
@@ -129,17 +130,24 @@ pub(super) fn sample_radiance(
         ..
     } = context;
     if !emitters.is_empty() {
-        sample.radiance += emitters.seen(media, &ray, stream, counts);
+        let light = emitters.seen(media, &ray, stream, counts);
+        sample.radiance.add(light, 0, Source::Emission);
     }
     if !lights.local.is_empty() {
-        sample.radiance += lamplight(context, &ray, stream, counts);
+        lamplight(context, &ray, &mut sample.radiance, stream, counts);
     }
     sample
 }
 
-/// Returns an unbiased estimate of the spheres that a camera ray sees, and of what local lights
-/// scatter along it, in its share (see `surroundings`).
-fn lamplight(context: &Context<'_>, ray: &Ray, stream: &mut Stream, counts: &mut Counts) -> Rgb {
+/// Adds an unbiased estimate of the spheres that a camera ray sees, and of what local lights scatter
+/// along it, in its share (see `surroundings`).
+fn lamplight<G: Gather>(
+    context: &Context<'_>,
+    ray: &Ray,
+    radiance: &mut G,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) {
     let Context {
         media,
         lights,
@@ -149,19 +157,26 @@ fn lamplight(context: &Context<'_>, ray: &Ray, stream: &mut Stream, counts: &mut
         ..
     } = context;
     let seen = seen_spheres(lights, media, ray, stream, counts);
-    match lamps {
-        Some(lamps) if *kernel != Kernel::Transmittance && settings.max_bounces != Some(0) => {
-            let worth = path::usual_worth(context);
-            seen + lamps.along(media, ray, Rgb::WHITE, worth, stream, counts)
-        }
-        _ => seen,
+    radiance.add(seen, 0, Source::Lamp);
+    if let Some(lamps) = lamps
+        && *kernel != Kernel::Transmittance
+        && settings.max_bounces != Some(0)
+    {
+        let worth = path::usual_worth(context);
+        let light = lamps.along(media, ray, Rgb::WHITE, worth, stream, counts);
+        radiance.add(light, 1, Source::Lamp);
     }
 }
 
-fn analog(context: &Context<'_>, ray: Ray, stream: &mut Stream, counts: &mut Counts) -> PathSample {
+fn analog<G: Gather>(
+    context: &Context<'_>,
+    ray: Ray,
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> PathSample<G> {
     let Some(met) = context.media.first_collision(&ray, stream, counts) else {
         return PathSample {
-            radiance: context.lights.radiance(ray.direction),
+            radiance: gathered(context.lights.radiance(ray.direction)),
             opacity: 0.0,
             first_collision: None,
         };
@@ -174,20 +189,25 @@ fn analog(context: &Context<'_>, ray: Ray, stream: &mut Stream, counts: &mut Cou
     }
 }
 
-fn expected(
+fn expected<G: Gather>(
     context: &Context<'_>,
     &Tracked { medium, tracking }: &Tracked<'_>,
     ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> PathSample {
+) -> PathSample<G> {
     let lights = context.lights;
     let number = stream.number(Number::Collision);
     let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
     let opacity = 1.0 - flight.transmittance;
     let through = lights.radiance(ray.direction) * flight.transmittance;
     let usual = lights.usual_radiance();
-    let sky = |weight: f32| through + usual * weight;
+    // What is scattered is near the usual sky: that much of it is added without a path.
+    let sky = |weight: f32| {
+        let mut radiance: G = gathered(through);
+        radiance.add(usual * weight, 1, Source::Sky);
+        radiance
+    };
     let Some(t) = flight.collision else {
         return PathSample {
             radiance: sky(opacity),
@@ -207,8 +227,10 @@ fn expected(
             walk: tracking.start_path(medium, &from, f64::INFINITY),
             t: 0.0,
         };
-        let scattered = path::scattered_radiance(context, met, &ray, weight, stream, counts);
-        sky(opacity - weight) + scattered
+        let scattered: G = path::scattered_radiance(context, met, &ray, weight, stream, counts);
+        let mut radiance = sky(opacity - weight);
+        radiance.merge(scattered);
+        radiance
     } else {
         counts.roulette_kills += 1;
         sky(opacity)
@@ -220,12 +242,12 @@ fn expected(
     }
 }
 
-fn transmittance(
+fn transmittance<G: Gather>(
     context: &Context<'_>,
     ray: Ray,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> PathSample {
+) -> PathSample<G> {
     let media = &context.media;
     let weights = (1.0, LEAST_TRANSMITTANCE);
     let transmittance = media.transmittance(None, (&ray, f64::INFINITY), weights, stream, counts);
@@ -236,7 +258,7 @@ fn transmittance(
         None
     };
     PathSample {
-        radiance: context.lights.radiance(ray.direction) * transmittance,
+        radiance: gathered(context.lights.radiance(ray.direction) * transmittance),
         opacity: 1.0 - transmittance,
         first_collision,
     }

@@ -28,6 +28,7 @@ use glam::DVec3;
 
 use super::Context;
 use super::media::Media;
+use super::parts::{Gather, Source};
 use super::path::{LEAST_BELIEF, usual_worth};
 use crate::light::{DistantLight, EnvironmentMap, Equiangular, Lights, LocalLight};
 use crate::medium::Medium;
@@ -90,15 +91,16 @@ impl Event<'_, '_> {
         self.collect(to, unoccluded, worth(sample.direction), stream, counts)
     }
 
-    /// Returns an unbiased estimate of the light of maps, in their share, and of a local light that
+    /// Adds an unbiased estimate of the light of maps, in their share, and of a local light that
     /// scatters here towards the camera; `segment` is what has led here.
     pub(super) fn surroundings(
         &self,
         context: &Context<'_>,
         segment: &Ray,
+        (radiance, order): (&mut impl Gather, u32),
         stream: &mut Stream,
         counts: &mut Counts,
-    ) -> Rgb {
+    ) {
         let Context {
             lights,
             settings,
@@ -107,7 +109,6 @@ impl Event<'_, '_> {
             ..
         } = context;
         let usual = usual_worth(context);
-        let mut radiance = Rgb::BLACK;
         for (i, map) in lights.maps.iter().enumerate() {
             let worth = |towards| match guide {
                 Some(guide) if settings.levers.light_roulette && map.is_towards_beacon(towards) => {
@@ -117,12 +118,13 @@ impl Event<'_, '_> {
                 }
                 _ => usual,
             };
-            radiance += self.map(map, worth, stream, counts);
+            let light = self.map(map, worth, stream, counts);
+            radiance.add(light, order, Source::Sky);
         }
         if let Some(lamps) = lamps {
-            radiance += lamps.at_vertex(segment, self, usual, stream, counts);
+            let light = lamps.at_vertex(segment, self, usual, stream, counts);
+            radiance.add(light, order, Source::Lamp);
         }
-        radiance
     }
 
     /// Returns what arrives from a direction and a distance: `unoccluded`, as far as it gets
@@ -312,7 +314,7 @@ impl<'a> Lamps<'a> {
             p,
             arrived: segment.direction,
             phase: medium.phase(),
-            throughput: throughput * medium.tint() * medium.albedo(),
+            throughput: throughput * medium.tint() * medium.albedo_at(p),
         };
         let phase = event.phase(light.direction);
         let density = probability * densities.sum(phase * light.solid_angle);

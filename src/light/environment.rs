@@ -251,7 +251,7 @@ impl EnvironmentMap {
     /// Returns the solid angle of each cell of a row.
     fn solid_angle(&self, row: usize) -> f64 {
         let (top, bottom) = self.polar_angles(row);
-        let band = 2.0 * ((top + bottom) / 2.0).sin() * ((bottom - top) / 2.0).sin();
+        let band = 2.0 * f64::midpoint(top, bottom).sin() * ((bottom - top) / 2.0).sin();
         TAU / self.width as f64 * band
     }
 

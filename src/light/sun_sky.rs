@@ -74,6 +74,7 @@ impl Perez {
 
 impl SunSky {
     /// Returns the map of the sky and the sun, both turned by `orientation`.
+    #[expect(clippy::missing_panics_doc, reason = "cannot: see what is expected")]
     pub fn lights(&self, orientation: Orientation) -> (EnvironmentMap, DistantLight) {
         let (sin, cos) = self.elevation_radians.sin_cos();
         let (sin_azimuth, cos_azimuth) = self.azimuth_radians.sin_cos();

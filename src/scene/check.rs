@@ -9,26 +9,30 @@ use std::sync::Arc;
 
 use toml::Spanned;
 
+use super::check_albedo::CheckedAlbedo;
 use super::check_emission::CheckedEmission;
 use super::check_light::check_lights;
 use super::check_phase::check_phase;
 use super::check_tracking::{check_medium, check_tracking};
-use super::desc::{RenderDesc, SceneDesc, VolumeDesc};
+use super::desc::{ImageDesc, RenderDesc, SceneDesc, VolumeDesc};
 use super::error::{Check, DescriptionError, SceneError, Source};
+use super::fields::FieldNames;
 use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
+use crate::aov::{Aov, channel_count};
 use crate::cache::is_cache;
 use crate::camera::Camera;
+use crate::field::Field;
 use crate::film::Accumulation;
 use crate::grid::{Reason, Storage, StorageKind, Stored};
-use crate::integrator::{CameraRay, Levers, TransportSettings};
+use crate::integrator::{CameraRay, IntegratorKind, Levers, TransportSettings};
 use crate::light::Lights;
 use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::spectrum::Rgb;
-use crate::vdb::{Archive, VdbError};
+use crate::vdb::{Archive, LoadReport, VdbError};
 
 /// Longest edge of an image in pixels.
 pub const MAX_RESOLUTION: u32 = 65_536;
@@ -49,6 +53,7 @@ pub struct Checked {
     volumes: Vec<CheckedVolume>,
     lights: Lights,
     transport: TransportSettings,
+    aovs: Vec<Aov>,
     render: RenderDesc,
 }
 
@@ -62,7 +67,7 @@ struct CheckedVolume {
     sigma_t_per_density: f32,
     /// Of the others, over that.
     tint: Rgb,
-    albedo: Rgb,
+    albedo: CheckedAlbedo,
     phase: Phase,
     emission: Option<CheckedEmission>,
     storage: Storage,
@@ -84,7 +89,8 @@ impl CheckedVolume {
         let file = std::fs::metadata(&self.path).ok();
         let file = file.map(|m| (m.len(), m.modified().ok()));
         let (path, grid, storage) = (self.path.display(), self.grid.get_ref(), &self.storage);
-        format!("{path} {file:?} {grid:?} {storage:?}")
+        let fields = self.emission.as_ref().map(|emission| &emission.names);
+        format!("{path} {file:?} {grid:?} {fields:?} {storage:?}")
     }
 
     /// Returns whether this volume has the same grid, kept in the same way.
@@ -106,7 +112,7 @@ impl SceneFile {
 }
 
 fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<Checked> {
-    let resolution = check_resolution(source, &desc.image.resolution, max_memory_bytes)?;
+    let resolution = check_resolution(source, &desc.image, max_memory_bytes)?;
     let spp = *desc.render.spp.get_ref();
     if spp == 0 {
         let span = desc.render.spp.span();
@@ -133,15 +139,27 @@ fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<
             max_bounces: desc.render.max_bounces,
             levers: Levers::default(),
         },
+        aovs: check_aovs(source, desc)?,
         render: desc.render.clone(),
     })
 }
 
-fn check_resolution(
-    source: &Source,
-    resolution: &Spanned<[u32; 2]>,
-    max_memory_bytes: u64,
-) -> Check<[u32; 2]> {
+/// Checks that output variables are named once, and that there is an integrator for them.
+fn check_aovs(source: &Source, desc: &SceneDesc) -> Check<Vec<Aov>> {
+    let (span, aovs) = (desc.image.aovs.span(), desc.image.aovs.get_ref());
+    if let Some(twice) = (1..aovs.len()).find(|&i| aovs[..i].contains(&aovs[i])) {
+        let message = format!("aovs has {:?} twice", aovs[twice].name());
+        return Err(source.error(span, message, "each once"));
+    }
+    if !aovs.is_empty() && *desc.render.integrator.get_ref() == IntegratorKind::Analog {
+        let message = "aovs beside the analog integrator, which does not tell light apart";
+        return Err(source.error(span, message, "no aovs, or integrator = \"path\""));
+    }
+    Ok(aovs.clone())
+}
+
+fn check_resolution(source: &Source, image: &ImageDesc, max_memory_bytes: u64) -> Check<[u32; 2]> {
+    let ImageDesc { resolution, aovs } = image;
     let [width, height] = *resolution.get_ref();
     if [width, height]
         .iter()
@@ -151,7 +169,9 @@ fn check_resolution(
         let message = format!("resolution is [{width}, {height}]");
         return Err(source.error(resolution.span(), message, expected));
     }
-    let bytes = u64::from(width) * u64::from(height) * BYTES_PER_PIXEL;
+    // Sums, means, and twice the channel while it is written.
+    let aov_bytes = (8 + 4 + 2 * 4) * channel_count(aovs.get_ref()) as u64;
+    let bytes = u64::from(width) * u64::from(height) * (BYTES_PER_PIXEL + aov_bytes);
     if bytes > max_memory_bytes {
         let message = format!("an image of {width} by {height} pixels takes {bytes} bytes");
         let expected = format!("at most {max_memory_bytes} bytes of memory");
@@ -258,10 +278,6 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         let message = format!("{scale} times {most} is too large an extinction");
         return Err(source.error(extinction_color.span(), message, "a product below 3e38"));
     }
-    if albedo.get_ref().iter().any(|a| !(0.0..=1.0).contains(a)) {
-        let message = format!("albedo is {:?}", albedo.get_ref());
-        return Err(source.error(albedo.span(), message, "three numbers from 0 to 1"));
-    }
     let max_error = number(source, "storage_error", storage_error)?;
     if max_error < 0.0 {
         let message = format!("storage_error is {max_error}");
@@ -280,7 +296,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
         } else {
             Rgb::WHITE
         },
-        albedo: colour(source, "albedo", albedo)?,
+        albedo: CheckedAlbedo::new(source, albedo)?,
         phase: check_phase(source, phase)?,
         emission: emission
             .as_ref()
@@ -299,7 +315,7 @@ fn check_volume(source: &Source, spanned: &Spanned<VolumeDesc>) -> Check<Checked
 
 impl Checked {
     /// Returns a text for each volume that is the same for two scenes exactly if they load the same:
-    /// file, its length and when it was written, grid and storage.
+    /// file, its length and when it was written, grids and storage.
     pub fn volume_keys(&self) -> impl Iterator<Item = String> {
         self.volumes.iter().map(CheckedVolume::key)
     }
@@ -339,13 +355,16 @@ impl Checked {
         for volume in &self.volumes {
             let before = self.volumes[..loaded.len()].iter();
             let shared = before.clone().position(|v| v.shares_grid_with(volume));
-            let kept = || earlier.iter().find(|(key, _)| *key == volume.key());
+            let key = volume.key();
+            if let Some((_, kept)) = earlier.iter().find(|(k, _)| *k == key) {
+                let bytes = kept.grid.resident_bytes() as u64;
+                options.max_memory_bytes = options.max_memory_bytes.saturating_sub(bytes);
+                loaded.push(kept.clone());
+                continue;
+            }
             let grid = match shared {
                 Some(first) => loaded[first].clone(),
-                None => match kept() {
-                    Some((_, kept)) => kept.clone(),
-                    None => self.load_volume(volume, &options, on_stage)?,
-                },
+                None => self.load_volume(volume, &options, on_stage)?,
             };
             if shared.is_none() {
                 let bytes = grid.grid.resident_bytes() as u64;
@@ -363,21 +382,37 @@ impl Checked {
         mut loaded: LoadedVolume,
         options: &LoadOptions,
     ) -> Result<LoadedVolume, SceneError> {
-        loaded.emission = None;
-        let Some(CheckedEmission { names, .. }) = &volume.emission else {
-            return Ok(loaded);
+        let emission = volume.emission.as_ref().map(|emission| &emission.names);
+        loaded.emission = self.field(volume, emission, &mut loaded.report, options)?;
+        let colour = volume.albedo.names();
+        loaded.colour = self.field(volume, colour, &mut loaded.report, options)?;
+        let is_used = |name: &str| {
+            let mut used = emission.into_iter().chain(colour);
+            used.any(|names| names.contain(name))
+        };
+        loaded.unused_grids.retain(|name| !is_used(name));
+        Ok(loaded)
+    }
+
+    /// Loads a field of `volume`, if it has one.
+    fn field(
+        &self,
+        volume: &CheckedVolume,
+        names: Option<&FieldNames>,
+        report: &mut LoadReport,
+        options: &LoadOptions,
+    ) -> Result<Option<Field>, SceneError> {
+        let Some(names) = names else {
+            return Ok(None);
         };
         if is_cache(&volume.path) {
             let message = "a cache file holds one grid, the density";
-            let expected = "the .vdb file";
-            let error = self.source.error(names.at(), message, expected);
+            let error = self.source.error(names.at(), message, "the .vdb file");
             return Err(SceneError::Description(error));
         }
         let archive = Archive::open(&volume.path).map_err(|e| self.at(volume.file.span(), e))?;
-        let field = names.load(&archive, options, &mut loaded.report);
-        loaded.emission = Some(field.map_err(|e| self.placed(names.at(), e))?);
-        loaded.unused_grids.retain(|name| !names.contain(name));
-        Ok(loaded)
+        let field = names.load(&archive, options, report);
+        field.map(Some).map_err(|e| self.placed(names.at(), e))
     }
 
     /// Says where in the scene the file or grid is named that cannot be loaded.
@@ -491,6 +526,7 @@ impl Checked {
             media,
             lights: self.lights,
             transport: self.transport,
+            aovs: self.aovs,
         })
     }
 
@@ -498,7 +534,7 @@ impl Checked {
         let CheckedVolume {
             ref scale,
             sigma_t_per_density,
-            albedo,
+            ref albedo,
             phase,
             tint,
             ref at,
@@ -506,7 +542,10 @@ impl Checked {
             ..
         } = *checked;
         let grid = Arc::clone(&loaded.grid);
-        let mut medium = Medium::new(grid, sigma_t_per_density, albedo, phase);
+        let mut medium = Medium::new(grid, sigma_t_per_density, albedo.constant(), phase);
+        if let Some((field, scale)) = loaded.colour.clone().zip(albedo.scale()) {
+            medium = medium.coloured(field, scale);
+        }
         if tint != Rgb::WHITE {
             medium = medium.with_extinction_color(tint);
         }

@@ -54,12 +54,11 @@ impl CheckedEmission {
             return Err(source.error(spanned.span(), message, expected));
         }
         let factor = not_negative(source, "scale", scale)?;
-        let (names, law) = match temperature {
-            Some(name) => (FieldNames::one(name), check_thermal(source, desc, factor)?),
-            None => {
-                let names = FieldNames::new(grid.as_ref(), grids.as_ref(), spanned);
-                (names, check_direct(source, desc, factor)?)
-            }
+        let (names, law) = if let Some(name) = temperature {
+            (FieldNames::one(name), check_thermal(source, desc, factor)?)
+        } else {
+            let names = FieldNames::new(grid.as_ref(), grids.as_ref(), spanned);
+            (names, check_direct(source, desc, factor)?)
         };
         Ok(Self {
             names,

@@ -321,8 +321,8 @@ fn known_keys(kind: LightKind) -> &'static [&'static str] {
 
 /// Returns the keys that a light has, and where.
 fn keys(light: &LightDesc) -> Vec<(&'static str, Range<usize>)> {
-    fn span<T>(value: &Option<Spanned<T>>) -> Option<Range<usize>> {
-        value.as_ref().map(Spanned::span)
+    fn span<T>(value: Option<&Spanned<T>>) -> Option<Range<usize>> {
+        value.map(Spanned::span)
     }
     let LightDesc {
         kind: _,
@@ -343,21 +343,27 @@ fn keys(light: &LightDesc) -> Vec<(&'static str, Range<usize>)> {
         radius,
     } = light;
     let all = [
-        ("direction_to_light", span(direction_to_light)),
-        ("irradiance", span(irradiance)),
-        ("angular_diameter_degrees", span(angular_diameter_degrees)),
-        ("radiance", span(radiance)),
-        ("file", span(file)),
-        ("scale", span(scale)),
-        ("rotate_degrees", span(rotate_degrees)),
-        ("up", span(up)),
-        ("turbidity", span(turbidity)),
-        ("sun_elevation_degrees", span(sun_elevation_degrees)),
-        ("sun_azimuth_degrees", span(sun_azimuth_degrees)),
-        ("ground_albedo", span(ground_albedo)),
-        ("position", span(position)),
-        ("intensity", span(intensity)),
-        ("radius", span(radius)),
+        ("direction_to_light", span(direction_to_light.as_ref())),
+        ("irradiance", span(irradiance.as_ref())),
+        (
+            "angular_diameter_degrees",
+            span(angular_diameter_degrees.as_ref()),
+        ),
+        ("radiance", span(radiance.as_ref())),
+        ("file", span(file.as_ref())),
+        ("scale", span(scale.as_ref())),
+        ("rotate_degrees", span(rotate_degrees.as_ref())),
+        ("up", span(up.as_ref())),
+        ("turbidity", span(turbidity.as_ref())),
+        (
+            "sun_elevation_degrees",
+            span(sun_elevation_degrees.as_ref()),
+        ),
+        ("sun_azimuth_degrees", span(sun_azimuth_degrees.as_ref())),
+        ("ground_albedo", span(ground_albedo.as_ref())),
+        ("position", span(position.as_ref())),
+        ("intensity", span(intensity.as_ref())),
+        ("radius", span(radius.as_ref())),
     ];
     let present = all.into_iter().filter_map(|(key, at)| Some((key, at?)));
     present.collect()

@@ -211,6 +211,7 @@ pub fn describe(volume: &LoadedVolume, why: &str, wishes: Wishes) -> Result<Scen
         .resolution
         .map_or_else(ImageDesc::default, |r| ImageDesc {
             resolution: unplaced(r),
+            ..ImageDesc::default()
         });
     let [width, height] = image.resolution.get_ref().map(f64::from);
     let axes = Axes::new(up_axis);

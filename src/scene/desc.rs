@@ -13,6 +13,7 @@ use std::path::PathBuf;
 use serde::Deserialize;
 use toml::Spanned;
 
+use crate::aov::Aov;
 use crate::grid::{Storage, StorageKind};
 use crate::integrator::{CameraRay, IntegratorKind};
 use crate::sampling::SamplerKind;
@@ -49,12 +50,15 @@ pub struct SceneDesc {
 pub struct ImageDesc {
     /// Columns and rows.
     pub resolution: Spanned<[u32; 2]>,
+    /// What is written beside the colours.
+    pub aovs: Spanned<Vec<Aov>>,
 }
 
 impl Default for ImageDesc {
     fn default() -> Self {
         Self {
             resolution: unplaced([960, 540]),
+            aovs: unplaced(Vec::new()),
         }
     }
 }
@@ -103,7 +107,7 @@ pub struct VolumeDesc {
     pub extinction_color: Spanned<[f64; 3]>,
     /// Single-scattering albedo.
     #[serde(default = "VolumeDesc::default_albedo")]
-    pub albedo: Spanned<[f64; 3]>,
+    pub albedo: Spanned<AlbedoDesc>,
     /// What the volume emits; unset: nothing.
     pub emission: Option<Spanned<EmissionDesc>>,
     /// Phase function.
@@ -126,6 +130,38 @@ pub struct VolumeDesc {
     pub scale: Spanned<ScaleDesc>,
     /// In place of the three above: rows of the map from the file's world to the scene's.
     pub matrix: Option<Spanned<[[f64; 4]; 4]>>,
+}
+
+/// `albedo` of a volume.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(
+    untagged,
+    expecting = "expected three numbers, or { grid = \"…\", scale = … }"
+)]
+pub enum AlbedoDesc {
+    /// The same everywhere, one a channel.
+    Constant([f64; 3]),
+    /// From grids.
+    Grid(AlbedoGridDesc),
+}
+
+/// `albedo = { … }` of a volume: by one of `grid` and `grids`.
+#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct AlbedoGridDesc {
+    /// A grid of vectors, or a scalar one for all channels.
+    pub grid: Option<String>,
+    /// Three scalar grids, one a channel.
+    pub grids: Option<[String; 3]>,
+    /// What the values are multiplied by.
+    #[serde(default = "AlbedoGridDesc::default_scale")]
+    pub scale: f64,
+}
+
+impl AlbedoGridDesc {
+    fn default_scale() -> f64 {
+        1.0
+    }
 }
 
 /// A size of all axes, or of each.
@@ -162,8 +198,8 @@ impl VolumeDesc {
         unplaced([1.0, 1.0, 1.0])
     }
 
-    fn default_albedo() -> Spanned<[f64; 3]> {
-        unplaced([0.99, 0.99, 0.99])
+    fn default_albedo() -> Spanned<AlbedoDesc> {
+        unplaced(AlbedoDesc::Constant([0.99, 0.99, 0.99]))
     }
 
     fn default_phase() -> Spanned<PhaseDesc> {

@@ -110,7 +110,7 @@ fn texels(image: DynamicImage) -> Vec<Rgb> {
 /// Returns the first number that is no radiance, and the texel it is in.
 fn first_beyond(texels: &[Rgb], limit: f32) -> Option<(usize, f32)> {
     texels.iter().enumerate().find_map(|(i, texel)| {
-        let bad = texel.0.into_iter().find(|c| !(*c <= limit));
+        let bad = texel.0.into_iter().find(|c| c.is_nan() || *c > limit);
         bad.map(|c| (i, c))
     })
 }

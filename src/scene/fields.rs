@@ -30,6 +30,20 @@ impl FieldNames {
         }
     }
 
+    /// Names the grids of a table that stands at `at`: none if it names none, or both ways.
+    pub(super) fn of(
+        grid: Option<&String>,
+        grids: Option<&[String; 3]>,
+        at: Range<usize>,
+    ) -> Option<Self> {
+        let names = match (grid, grids) {
+            (Some(name), None) => vec![name.clone()],
+            (None, Some(three)) => three.to_vec(),
+            _ => return None,
+        };
+        Some(Self { names, at })
+    }
+
     /// Names whichever is given; `table` is where it is.
     pub(super) fn new<T>(
         grid: Option<&Spanned<String>>,

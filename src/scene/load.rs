@@ -40,6 +40,8 @@ pub struct LoadedVolume {
     pub unused_grids: Vec<String>,
     /// What the volume emits, or the temperatures that it does by, if the scene says so.
     pub emission: Option<Field>,
+    /// The albedo, where the scene takes it from grids.
+    pub colour: Option<Field>,
     /// Bricks of 8³ voxels.
     pub brick_count: usize,
     /// How values are stored, and why.
@@ -102,6 +104,7 @@ impl LoadedVolume {
                 .collect(),
             active_voxel_count: info.active_voxel_count,
             emission: None,
+            colour: None,
             brick_count,
             stored,
             report,
@@ -125,6 +128,7 @@ impl LoadedVolume {
             metadata: file.source().metadata.clone(),
             active_voxel_count: None,
             emission: None,
+            colour: None,
             unused_grids: Vec::new(),
             stored: file.stored(),
             report: LoadReport::default(),

@@ -12,6 +12,7 @@
 //! Every number is checked here, once; whatever follows may rely on it.
 
 mod check;
+mod check_albedo;
 mod check_emission;
 mod check_light;
 mod check_phase;
@@ -38,6 +39,7 @@ pub use template::SceneTemplate;
 
 use std::path::Path;
 
+use crate::aov::Aov;
 use crate::camera::Camera;
 use crate::integrator::TransportSettings;
 use crate::light::Lights;
@@ -66,6 +68,8 @@ pub struct Scene {
     pub lights: Lights,
     /// Light transport.
     pub transport: TransportSettings,
+    /// What is written beside the colours.
+    pub aovs: Vec<Aov>,
 }
 
 /// A scene file's text and what it says at one frame, not yet checked.

@@ -8,8 +8,8 @@ use std::fmt::Write as _;
 use toml::Spanned;
 
 use super::desc::{
-    DensityDesc, EmissionDesc, LightDesc, PeakDesc, PhaseDesc, RenderDesc, ScaleDesc, SceneDesc,
-    VolumeDesc,
+    AlbedoDesc, AlbedoGridDesc, DensityDesc, EmissionDesc, LightDesc, PeakDesc, PhaseDesc,
+    RenderDesc, ScaleDesc, SceneDesc, VolumeDesc,
 };
 use crate::grid::StorageKind;
 use crate::integrator::IntegratorKind;
@@ -30,8 +30,14 @@ pub(super) fn to_toml(desc: &SceneDesc, header: &str) -> String {
     let [width, height] = image.resolution.get_ref();
     push(
         &mut out,
-        format_args!("[image]\nresolution = [{width}, {height}]\n\n[camera]"),
+        format_args!("[image]\nresolution = [{width}, {height}]"),
     );
+    let aovs = image.aovs.get_ref().iter();
+    let aovs: Vec<_> = aovs.map(|aov| string(aov.name())).collect();
+    if !aovs.is_empty() {
+        push(&mut out, format_args!("aovs = [{}]", aovs.join(", ")));
+    }
+    push(&mut out, format_args!("\n[camera]"));
     push(
         &mut out,
         format_args!("position = {}", vector(&camera.position)),
@@ -139,7 +145,10 @@ fn push_volume(out: &mut String, volume: &VolumeDesc) {
         let color = vector(extinction_color);
         push(out, format_args!("extinction_color = {color}"));
     }
-    push(out, format_args!("albedo = {}", vector(albedo)));
+    push(
+        out,
+        format_args!("albedo = {}", albedo_text(albedo.get_ref())),
+    );
     if let Some(emission) = emission {
         push_emission(out, emission.get_ref());
     }
@@ -200,6 +209,21 @@ fn phase_table(phase: &PhaseDesc) -> String {
         add("diameter_micrometres", number(*diameter.get_ref()));
     }
     table + " }"
+}
+
+fn albedo_text(albedo: &AlbedoDesc) -> String {
+    let AlbedoGridDesc { grid, grids, scale } = match albedo {
+        AlbedoDesc::Constant(channels) => return array(channels),
+        AlbedoDesc::Grid(desc) => desc,
+    };
+    let mut keys = Vec::new();
+    keys.extend(grid.as_ref().map(|name| format!("grid = {}", string(name))));
+    keys.extend(grids.as_ref().map(|names| {
+        let names = names.each_ref().map(|name| string(name));
+        format!("grids = [{}]", names.join(", "))
+    }));
+    keys.push(format!("scale = {}", number(*scale)));
+    format!("{{ {} }}", keys.join(", "))
 }
 
 fn push_emission(out: &mut String, emission: &EmissionDesc) {

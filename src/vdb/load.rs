@@ -360,7 +360,7 @@ impl<V: Scalar> Ingest<V> for Density {
     }
 
     fn merge(&self, into: &mut DensityTally, later: DensityTally) {
-        into.merge(later);
+        into.merge(&later);
     }
 }
 
@@ -380,7 +380,7 @@ impl<V: Scalar> Ingest<[V; 3]> for Component {
     }
 
     fn merge(&self, into: &mut DensityTally, later: DensityTally) {
-        into.merge(later);
+        into.merge(&later);
     }
 }
 
@@ -410,12 +410,12 @@ impl DensityTally {
         }
     }
 
-    fn merge(&mut self, later: Self) {
+    fn merge(&mut self, later: &Self) {
         let Self {
             negative_count,
             not_finite_count,
             first_not_finite,
-        } = later;
+        } = *later;
         self.negative_count += negative_count;
         self.not_finite_count += not_finite_count;
         self.first_not_finite = self.first_not_finite.or(first_not_finite);

@@ -90,6 +90,7 @@ pub(super) fn scene(volume: &Volume, sigma_t: f32, albedo: Rgb, g: f32, lights: 
         spp: 64,
         seed: 0,
         frame: 0,
+        aovs: vec![],
         camera: Camera::look_at(eye, DVec3::ZERO, DVec3::Z, 0.6, 1.5)
             .expect("the camera looks along y"),
         media: vec![volume.medium(sigma_t, albedo, phase(g))],

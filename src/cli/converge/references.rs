@@ -4,7 +4,7 @@
 use std::sync::atomic::AtomicBool;
 
 use majorant::converge::Reference;
-use majorant::converge::estimator::Estimator;
+use majorant::converge::estimator::{Estimator, has_shadow_rays};
 use majorant::converge::ladder::{Extent, Record};
 use majorant::converge::results::independent_reference;
 use majorant::output::{self, Identity, Provenance, SampleRanges};
@@ -47,7 +47,7 @@ impl Run<'_> {
 
     pub(super) fn reference_index(&self, estimator: &Estimator) -> usize {
         if self.args.reference.as_os_str() == "auto" {
-            independent_reference(estimator, !self.scene.lights.distant.is_empty())
+            independent_reference(estimator, has_shadow_rays(&self.scene))
         } else {
             0
         }

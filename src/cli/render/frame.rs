@@ -50,7 +50,13 @@ pub(super) fn render(
     let checkpoint = &ready.outputs.checkpoint;
     let resume = args.batch.resume.then_some(checkpoint.as_path());
     let size = [ready.scene.width, ready.scene.height];
-    let mut work = Work::new(&ready.identity, size, ready.region, resume);
+    let mut work = Work::new(
+        &ready.identity,
+        size,
+        ready.region,
+        &ready.scene.aovs,
+        resume,
+    );
     watch.begin_frame();
     let mut clock = Clock::start();
     let begin = Instant::now();

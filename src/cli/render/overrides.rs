@@ -12,6 +12,9 @@ pub(super) fn overridden(mut file: SceneFile, args: &RenderArgs) -> SceneFile {
     if let Some(resolution) = args.resolution {
         desc.image.resolution = unplaced(resolution);
     }
+    if !args.aov.is_empty() {
+        desc.image.aovs = unplaced(args.aov.clone());
+    }
     if let Some(spp) = args.spp.or(args.samples.as_ref().map(|range| range.end)) {
         desc.render.spp = unplaced(spp);
     }

@@ -1,0 +1,130 @@
+//! Arbitrary output variables by name: which channels an image has beside its colours.
+//!
+//! What a channel holds is told where it is filled (`render`); here are names alone, and the film's
+//! planes for those that are asked for. Nothing is allocated for the others.
+
+use serde::{Deserialize, Serialize};
+
+/// Something to write beside the colours.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Aov {
+    /// What the media let through along camera rays.
+    Transmittance,
+    /// Where the media begin and end along the ray through the pixel's centre.
+    Depth,
+    /// Albedo at the first collision.
+    Albedo,
+    /// Direction of falling density at the first collision.
+    Normal,
+    /// Light that comes straight to the camera: emission and the sky behind.
+    Emission,
+    /// Light that is scattered once.
+    Direct,
+    /// Light that is scattered more than once.
+    Indirect,
+    /// Light by where it comes from.
+    Lights,
+    /// Voxel values read.
+    Lookups,
+}
+
+impl Aov {
+    /// All of them, in the order of the documentation.
+    pub const ALL: &'static [Self] = &[
+        Self::Transmittance,
+        Self::Depth,
+        Self::Albedo,
+        Self::Normal,
+        Self::Emission,
+        Self::Direct,
+        Self::Indirect,
+        Self::Lights,
+        Self::Lookups,
+    ];
+
+    /// Returns its name in scene files and on the command line.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Transmittance => "transmittance",
+            Self::Depth => "depth",
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Emission => "emission",
+            Self::Direct => "direct",
+            Self::Indirect => "indirect",
+            Self::Lights => "lights",
+            Self::Lookups => "lookups",
+        }
+    }
+
+    /// Returns the channels it is written as.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::Transmittance => &["transmittance"],
+            Self::Depth => &["depth.front", "depth.back"],
+            Self::Albedo => &["albedo.R", "albedo.G", "albedo.B"],
+            Self::Normal => &["normal.X", "normal.Y", "normal.Z"],
+            Self::Emission => &["emission.R", "emission.G", "emission.B"],
+            Self::Direct => &["direct.R", "direct.G", "direct.B"],
+            Self::Indirect => &["indirect.R", "indirect.G", "indirect.B"],
+            Self::Lights => &[
+                "light.sun.R",
+                "light.sun.G",
+                "light.sun.B",
+                "light.sky.R",
+                "light.sky.G",
+                "light.sky.B",
+                "light.lamp.R",
+                "light.lamp.G",
+                "light.lamp.B",
+                "light.emission.R",
+                "light.emission.G",
+                "light.emission.B",
+            ],
+            Self::Lookups => &["lookups"],
+        }
+    }
+}
+
+/// Returns the number of channels of all `aovs`.
+pub fn channel_count(aovs: &[Aov]) -> usize {
+    aovs.iter().map(|aov| aov.channels().len()).sum()
+}
+
+/// Values of channels for each pixel.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Planes {
+    aovs: Vec<Aov>,
+    /// `[pixel][channel]`, channels fastest.
+    values: Vec<f32>,
+}
+
+impl Planes {
+    /// Makes planes of zeros for `pixel_count` pixels.
+    pub fn new(aovs: &[Aov], pixel_count: usize) -> Self {
+        Self {
+            aovs: aovs.to_vec(),
+            values: vec![0.0; channel_count(aovs) * pixel_count],
+        }
+    }
+
+    /// Returns the channels' names, in the order of a pixel's values.
+    pub fn channels(&self) -> impl Iterator<Item = &'static str> + '_ {
+        self.aovs
+            .iter()
+            .flat_map(|aov| aov.channels().iter().copied())
+    }
+
+    /// Returns the values of a channel, pixel by pixel.
+    pub fn plane(&self, channel: usize) -> impl Iterator<Item = f32> + '_ {
+        let count = channel_count(&self.aovs).max(1);
+        self.values.iter().skip(channel).step_by(count).copied()
+    }
+
+    /// Returns the values of a pixel, to be filled.
+    pub fn pixel_mut(&mut self, index: usize) -> &mut [f32] {
+        let count = channel_count(&self.aovs);
+        &mut self.values[index * count..(index + 1) * count]
+    }
+}
