@@ -109,6 +109,30 @@ impl Planes {
         }
     }
 
+    /// Returns which output variables these are.
+    pub fn aovs(&self) -> &[Aov] {
+        &self.aovs
+    }
+
+    /// Merges the means of other samples of pixel `index`, which are `share` of all samples, into
+    /// these. Both have the same variables.
+    pub fn merge_pixel(&mut self, other: &Self, index: usize, share: f64) {
+        let count = channel_count(&self.aovs);
+        let range = index * count..(index + 1) * count;
+        for (a, b) in self.values[range.clone()]
+            .iter_mut()
+            .zip(&other.values[range])
+        {
+            // Equal ones may be infinite: depths where there is nothing.
+            if a != b {
+                let (x, y) = (f64::from(*a), f64::from(*b));
+                #[expect(clippy::cast_possible_truncation, reason = "planes are f32")]
+                let mean = (x + (y - x) * share) as f32;
+                *a = mean;
+            }
+        }
+    }
+
     /// Returns the channels' names, in the order of a pixel's values.
     pub fn channels(&self) -> impl Iterator<Item = &'static str> + '_ {
         self.aovs

@@ -359,6 +359,8 @@ fn parts_merge_to_the_whole() {
             "22",
             "--samples",
             range,
+            "--aov",
+            "albedo,depth",
             "-o",
             &out,
         ];
@@ -414,6 +416,8 @@ fn parts_merge_to_the_whole() {
         "-o",
         &merged,
         "--skip-existing",
+        "--aov",
+        "albedo,depth",
     ];
     let run = majorant(&args);
     assert!(

@@ -3,7 +3,8 @@
 //! * A field of one value is that albedo, bit by bit.
 //! * An albedo that varies: the path integrator against the analog one, with a field of other
 //!   resolution than the density's, and moved with it.
-//! * From scene files: three scalar grids, or one of vectors; what they hold is what is read.
+//! * From scene files: what three scalar grids hold is what is read; components of vectors are those
+//!   of the exact values, none below zero.
 
 #![allow(clippy::print_stdout, reason = "what a test can see is printed")]
 
@@ -28,7 +29,7 @@ use majorant::sampling::SamplerKind;
 use majorant::scene::{LoadOptions, Scene, SceneFile};
 use majorant::space::IndexTransform;
 use majorant::spectrum::Rgb;
-use majorant::vdb::Archive;
+use majorant::vdb::{Archive, Grid};
 
 fn grid(r: i32, size: f64, value: impl Fn(IVec3) -> f32) -> Arc<DensityGrid> {
     let n = 2 * r;
@@ -115,13 +116,9 @@ fn grids_of_a_file_are_its_albedo() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/fire/campfire_0026.vdb");
     let archive = Archive::open(&file).expect("the project's file");
     let options = LoadOptions::default();
-    let value = |name: &str, component: Option<usize>, p: IVec3| {
+    let value = |name: &str, p: IVec3| {
         let index = archive.find(name).expect("a grid of the file");
-        let data = match component {
-            None => archive.load_density(index, &options),
-            Some(c) => archive.load_component(index, c, &options),
-        };
-        let data = data.expect("it loads");
+        let data = archive.load_density(index, &options).expect("it loads");
         let world = data
             .transform
             .world_from_index()
@@ -145,9 +142,8 @@ fn grids_of_a_file_are_its_albedo() {
     };
     let p = IVec3::new(28, 28, 12);
     let three = scene("{ grids = [\"density\", \"flame\", \"temperature\"], scale = 0.1 }");
-    let vector = scene("{ grid = \"velocity\", scale = 0.001 }");
     for c in 0..3 {
-        let (expected, world) = value(["density", "flame", "temperature"][c], None, p);
+        let (expected, world) = value(["density", "flame", "temperature"][c], p);
         let got = three.media[0].albedo_at(world).0[c];
         // Voxels of 16 bit between the least and the largest of a brick.
         assert!(
@@ -155,11 +151,29 @@ fn grids_of_a_file_are_its_albedo() {
             "channel {c}: {got}, not {expected} / 10"
         );
         assert!(expected > 0.0, "something is there");
-        let (expected, world) = value("velocity", Some(c), p);
-        let got = vector.media[0].albedo_at(world).0[c];
-        assert!(
-            (got - 0.001 * expected).abs() < 1e-4,
-            "component {c}: {got}, not {expected}"
-        );
+    }
+}
+
+#[test]
+fn components_are_those_of_the_vectors() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/vdb");
+    let archive = Archive::open(&folder.join("vec3s_only_zip.vdb")).expect("a fixture");
+    let options = LoadOptions::default();
+    let Ok(Grid::Vec3F(exact)) = archive.load(0, &options) else {
+        panic!("vectors");
+    };
+    for c in 0..3 {
+        let component = archive.load_component(0, c, &options).expect("it loads");
+        for &origin in exact.tree.brick_origins() {
+            for i in 0..64 {
+                let p = origin + IVec3::new(i / 16, i / 4 % 4, i % 4);
+                let expected = exact.tree.probe(p).value[c].max(0.0);
+                assert_eq!(
+                    component.tree.probe(p).value,
+                    expected,
+                    "component {c} at {p}"
+                );
+            }
+        }
     }
 }

@@ -31,7 +31,7 @@ same() { "$program" compare "$1" "$2" --json | grep -q '"max_difference": 0.0'; 
 
 done_kills=0
 rounds=0
-declare -A finished
+declare -A finished=()
 while [ "$done_kills" -lt "$kills" ]; do
     rounds=$((rounds + 1))
     "${command[@]}" -o "$work/killed/f.####.exr" &

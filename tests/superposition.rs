@@ -7,7 +7,7 @@
 //! * From a scene file: a file that occurs twice is loaded once, and stands where it should.
 //!
 //! Blocks of 8 × 8 pixels, |z| < 5, and the mean of z² is 1: the smallest bias of the image's mean
-//! that is seen is printed, and below 2 %.
+//! that is seen is printed, and below 5 %.
 
 #![allow(clippy::print_stdout, reason = "what a test can see is printed")]
 

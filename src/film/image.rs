@@ -73,7 +73,8 @@ impl Film {
     }
 
     /// Adds output variables, as many pixels of them.
-    pub(super) fn with_planes(self, planes: Planes) -> Self {
+    #[must_use]
+    pub fn with_planes(self, planes: Planes) -> Self {
         Self { planes, ..self }
     }
 
@@ -123,10 +124,14 @@ impl Film {
     /// Merges other samples of the same pixels into these; `false`, and nothing done, if they are of
     /// another image or region.
     pub fn merge(&mut self, other: &Self) -> bool {
-        let is_same = self.full_size == other.full_size && self.region == other.region;
+        let is_same = self.full_size == other.full_size
+            && self.region == other.region
+            && self.planes.aovs() == other.planes.aovs();
         if is_same {
-            for (pixel, other) in self.pixels.iter_mut().zip(&other.pixels) {
-                pixel.merge(other);
+            for (i, (pixel, theirs)) in self.pixels.iter_mut().zip(&other.pixels).enumerate() {
+                let share = theirs.count as f64 / (pixel.count + theirs.count).max(1) as f64;
+                self.planes.merge_pixel(&other.planes, i, share);
+                pixel.merge(theirs);
             }
         }
         is_same

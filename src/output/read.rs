@@ -9,6 +9,7 @@ use exr::prelude::{
 use super::OutputError;
 use super::attributes::{Identity, Origin};
 use super::exr::{DEPTH_WEIGHT, SAMPLE_COUNT};
+use crate::aov::{Aov, Planes};
 use crate::film::{Film, Pixel, Region};
 
 /// An EXR as others may have written it.
@@ -164,12 +165,28 @@ pub fn read_part(path: &Path) -> Result<Part, OutputError> {
     }
     let film = Film::from_pixels(size, region, pixels)
         .ok_or_else(|| unreadable(path, "its size contradicts itself".to_owned()))?;
+    let film = film.with_planes(planes(&floats, count.len()));
     let origin = Origin::new(stored.layer_data.attributes);
     Ok(Part {
         identity,
         film,
         origin,
     })
+}
+
+/// Reads the output variables of which all channels are there.
+fn planes<'a, E>(floats: &impl Fn(&str) -> Result<&'a [f32], E>, pixel_count: usize) -> Planes {
+    let is_there = |aov: &Aov| aov.channels().iter().all(|name| floats(name).is_ok());
+    let aovs: Vec<Aov> = Aov::ALL.iter().copied().filter(is_there).collect();
+    let mut planes = Planes::new(&aovs, pixel_count);
+    let names: Vec<&str> = planes.channels().collect();
+    for (c, values) in names.iter().map(|name| floats(name)).enumerate() {
+        let values = values.unwrap_or_default();
+        for (i, &value) in values.iter().enumerate() {
+            planes.pixel_mut(i)[c] = value;
+        }
+    }
+    planes
 }
 
 fn read_stored(path: &Path) -> Result<(Identity, [u32; 2], Region, Stored), OutputError> {
