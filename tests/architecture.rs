@@ -90,7 +90,8 @@ const RESERVED: &[(&[&str], &[&str], &str)] = &[
     ),
     (
         &["memmap2::"],
-        // Values are bytes of a map, of memory or of a file that others opened.
+        // Values are bytes of a map, of memory or of a file that others opened; cells of large
+        // grids are in one for its large pages.
         &["vdb", "grid/values", "grid/sections", "grid/cells"],
         "maps memory",
     ),

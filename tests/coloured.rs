@@ -107,7 +107,7 @@ fn path_and_analog_agree_where_the_albedo_varies() {
     ] {
         let analog = film(medium.clone(), IntegratorKind::Analog, 1024, 1);
         let path = film(medium, IntegratorKind::Path, 256, 2);
-        agree("a varying albedo", &path, &analog);
+        agree("a varying albedo", 0.02, &path, &analog);
     }
 }
 

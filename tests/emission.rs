@@ -273,6 +273,7 @@ fn path_and_analog_see_the_same_light() {
             path.spp = 512;
             agree(
                 &format!("{name}, sigma_t {sigma_t}, g {g}"),
+                0.15,
                 &film(path, 2),
                 &a,
             );
@@ -298,7 +299,12 @@ fn light_points_change_the_noise_and_not_the_mean() {
             film(scene, seed)
         };
         let (by_light, by_chance) = (image(true, 1), image(false, 2));
-        agree(&format!("sun, sky and spot, g {g}"), &by_light, &by_chance);
+        agree(
+            &format!("sun, sky and spot, g {g}"),
+            0.15,
+            &by_light,
+            &by_chance,
+        );
         let variance = |film: &Film| (film.mean().1[0]).powi(2);
         let gain = 8.0 * variance(&by_chance) / variance(&by_light);
         println!("g {g}: {gain:.1} times less variance for as many samples");
@@ -321,5 +327,5 @@ fn two_media_share_the_light() {
         scene(vec![half(0.25), half(0.75)], lights, IntegratorKind::Path),
         2,
     );
-    agree("parts of a light", &two, &one);
+    agree("parts of a light", 0.15, &two, &one);
 }

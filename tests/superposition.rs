@@ -108,11 +108,12 @@ fn two_halves_are_a_whole() {
             });
             let one = film(scene(vec![medium(1.0)], &lights, kind), 1);
             let two = film(scene(vec![medium(0.5), medium(0.5)], &lights, kind), 2);
-            agree(&format!("halves of {sigma_t}, {kind:?}"), &two, &one);
+            agree(&format!("halves of {sigma_t}, {kind:?}"), 0.02, &two, &one);
             let three = vec![medium(0.25), medium(0.0), medium(0.75)];
             let three = film(scene(three, &lights, kind), 3);
             agree(
                 &format!("a quarter, nothing and the rest of {sigma_t}, {kind:?}"),
+                0.02,
                 &three,
                 &one,
             );
@@ -151,7 +152,7 @@ fn different_media_across_and_inside_each_other() {
         analog.spp = 1024;
         let a = film(analog, 1);
         let b = film(scene(media, &lights, IntegratorKind::Path), 2);
-        agree(name, &b, &a);
+        agree(name, 0.02, &b, &a);
     }
 }
 
@@ -186,7 +187,7 @@ fn a_moved_medium_is_its_grid_moved() {
     );
     // The same numbers but for the rounding of products of maps: the same seed follows the same
     // paths until a rounding falls the other way.
-    agree("moved", &a, &b);
+    agree("moved", 0.02, &a, &b);
     let same = a.pixels().iter().zip(b.pixels()).filter(|(p, q)| {
         (0..3).all(|c| (p.mean[c] - q.mean[c]).abs() <= 1e-4 * (p.mean[c] + 1e-3))
     });

@@ -93,6 +93,7 @@ impl Event<'_, '_> {
 
     /// Adds an unbiased estimate of the light of maps, in their share, and of a local light that
     /// scatters here towards the camera; `segment` is what has led here.
+    #[cold] // bench: frame
     pub(super) fn surroundings(
         &self,
         context: &Context<'_>,
@@ -274,6 +275,7 @@ impl<'a> Lamps<'a> {
 
     /// Returns an unbiased estimate of a local light's light that scatters once along `segment`,
     /// of `throughput`, at a distance drawn equiangularly; in its share.
+    #[cold] // bench: frame
     pub(super) fn along(
         &self,
         media: &Media<'_>,
@@ -334,6 +336,7 @@ impl<'a> Lamps<'a> {
     /// Returns the radiance of the spheres that a path meets on its way along `segment` to `end`, in
     /// its share; it has come to the start along `previous`, and `phase` is the density of the
     /// direction by the phase function.
+    #[cold] // bench: frame
     pub(super) fn met(
         &self,
         media: &Media<'_>,
