@@ -237,17 +237,17 @@ fn light_without_density_is_its_integral() {
 
 #[test]
 fn path_and_analog_see_the_same_light() {
-    let heat = Field::scalar(grid(14, 0.05, |p| 2.5 - p.as_vec3().length() / 6.0));
+    let heat = Field::scalar(grid(14, 0.05, |p| 2.5 - p.as_vec3().length() / 20.0));
     let colours = [0.0, 1.0, 2.0].map(|shift: f32| {
-        grid(10, 0.04, |p| {
-            1.0 - (p.as_vec3() - shift * glam::Vec3::Y).length() / 4.0
+        grid(14, 0.07, |p| {
+            1.0 - (p.as_vec3() - shift * glam::Vec3::Y).length() / 12.0
         })
     });
     let glows = [
         ("spot", Glow::direct(spot(), Rgb([300.0, 150.0, 60.0]))),
         (
             "colours",
-            Glow::direct(Field::colour(colours), Rgb::splat(20.0)),
+            Glow::direct(Field::colour(colours), Rgb::splat(2.0)),
         ),
         (
             "heat",

@@ -9,22 +9,25 @@ pub(crate) fn agree(what: &str, sees: f64, a: &Film, b: &Film) {
     let (width, size) = (a.width() as usize, a.pixels().len());
     let (mut squares, mut count) = (0.0, 0.0);
     let (mut difference, mut variance, mut mean) = ([0.0; 3], [0.0; 3], [0.0; 3]);
+    let image = b.mean().0;
     for block in 0..size / 64 {
         let corner = block % (width / 8) * 8 + block / (width / 8) * 8 * width;
         for c in 0..3 {
-            let (mut d, mut v, mut hits) = (0.0, 0.0, 0.0);
+            let (mut d, mut v, mut hits, mut light) = (0.0, 0.0, 0.0, 0.0);
             for i in 0..64 {
                 let at = corner + i % 8 + i / 8 * width;
                 let (p, q) = (&a.pixels()[at], &b.pixels()[at]);
                 d += p.mean[c] - q.mean[c];
                 v += p.variance_of_mean()[c] + q.variance_of_mean()[c];
                 hits += p.opacity.min(q.opacity);
-                mean[c] += q.mean[c];
+                light += q.mean[c];
             }
+            mean[c] += light;
             difference[c] += d;
             variance[c] += v;
-            // Of few collisions the variance is hardly known: they count for the whole alone.
-            if hits < 100.0 {
+            // Of few collisions, or of little light found rarely, the variance is hardly known: such
+            // blocks count for the whole alone.
+            if hits < 100.0 || light < 64.0 * 0.01 * image[c] {
                 continue;
             }
             if v > 0.0 {
