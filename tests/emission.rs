@@ -273,7 +273,7 @@ fn path_and_analog_see_the_same_light() {
             path.spp = 512;
             agree(
                 &format!("{name}, sigma_t {sigma_t}, g {g}"),
-                0.15,
+                0.05,
                 &film(path, 2),
                 &a,
             );
@@ -301,7 +301,7 @@ fn light_points_change_the_noise_and_not_the_mean() {
         let (by_light, by_chance) = (image(true, 1), image(false, 2));
         agree(
             &format!("sun, sky and spot, g {g}"),
-            0.15,
+            0.05,
             &by_light,
             &by_chance,
         );
@@ -327,5 +327,5 @@ fn two_media_share_the_light() {
         scene(vec![half(0.25), half(0.75)], lights, IntegratorKind::Path),
         2,
     );
-    agree("parts of a light", 0.15, &two, &one);
+    agree("parts of a light", 0.05, &two, &one);
 }
