@@ -128,10 +128,11 @@ pub(super) struct Args {
     #[arg(short, long, global = true)]
     pub(super) quiet: bool,
     /// Also write messages to a file, with times
-    #[arg(long, global = true, value_name = "FILE")]
+    #[arg(hide_short_help = true, long, global = true, value_name = "FILE")]
     pub(super) log_file: Option<PathBuf>,
     /// Form of the messages in the file
     #[arg(
+        hide_short_help = true,
         long,
         global = true,
         value_enum,
@@ -142,9 +143,9 @@ pub(super) struct Args {
     /// Print the plan and where time goes; twice: more
     #[arg(short, long, global = true, action = ArgAction::Count)]
     pub(super) verbose: u8,
-    /// Print help
-    // `--help` would spread the same text over twice the lines.
-    #[arg(short, long, global = true, action = ArgAction::HelpShort)]
+    /// Print help; --help: with all options
+    // The short help leaves out what few ask for, so that it fits on a screen.
+    #[arg(short, long, global = true, action = ArgAction::Help)]
     help: Option<bool>,
 }
 
@@ -192,8 +193,6 @@ pub(super) struct RenderArgs {
     /// Image to write, out.####.exr for a sequence [default: the input's name with .exr]
     #[arg(short, long, value_name = "OUT.exr")]
     pub(super) output: Option<PathBuf>,
-    #[command(flatten)]
-    pub(super) batch: BatchArgs,
     /// Columns and rows of the image
     #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
     pub(super) resolution: Option<[u32; 2]>,
@@ -204,10 +203,10 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
     pub(super) spp: Option<u32>,
     /// Only these samples, as a part to merge: 256..512
-    #[arg(long, value_name = "A..B", conflicts_with = "spp", value_parser = parse_samples)]
+    #[arg(hide_short_help = true, long, value_name = "A..B", conflicts_with = "spp", value_parser = parse_samples)]
     pub(super) samples: Option<Range<u32>>,
     /// Only the I-th (from 0) of N equal parts of the samples, to merge
-    #[arg(long, value_name = "I/N", conflicts_with_all = ["samples", "noise_limit"], value_parser = parse_shard)]
+    #[arg(hide_short_help = true, long, value_name = "I/N", conflicts_with_all = ["samples", "noise_limit"], value_parser = parse_shard)]
     pub(super) shard: Option<[u32; 2]>,
     /// Stop at this relative error of the image, such as 0.02
     #[arg(long, value_name = "X", conflicts_with = "samples", value_parser = parse_positive)]
@@ -226,10 +225,8 @@ pub(super) struct RenderArgs {
     )]
     pub(super) threads: Option<usize>,
     /// path samples the lights; analog is the short reference
-    #[arg(long, value_enum)]
+    #[arg(hide_short_help = true, long, value_enum)]
     pub(super) integrator: Option<IntegratorArg>,
-    #[command(flatten)]
-    pub(super) tracking: TrackingArgs,
     /// Print which estimators, kernels and grids are used and left out, and why
     #[arg(long)]
     pub(super) explain: bool,
@@ -237,13 +234,13 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "NAME")]
     pub(super) grid: Option<String>,
     /// Values in memory
-    #[arg(long, value_name = "NAME", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = parse_named(StorageKind::ALL, StorageKind::name))]
     pub(super) encoding: Option<StorageKind>,
     /// More channels in the EXR: a name, or several with commas
     #[arg(long, value_name = "NAME", value_delimiter = ',', value_parser = parse_named(Aov::ALL, Aov::name))]
     pub(super) aov: Vec<Aov>,
     /// Axis that points up, for a bare .vdb [default: by the program that wrote it]
-    #[arg(long, value_enum)]
+    #[arg(hide_short_help = true, long, value_enum)]
     pub(super) up: Option<UpArg>,
     /// Print frames, files, memory and plan, and do not render
     #[arg(long)]
@@ -259,7 +256,7 @@ pub(super) struct RenderArgs {
     )]
     pub(super) preview_png: Option<Option<PathBuf>>,
     /// Rewrite that picture while the image converges: every 5s
-    #[arg(long, value_name = "TIME", requires = "preview_png", value_parser = parse_duration)]
+    #[arg(hide_short_help = true, long, value_name = "TIME", requires = "preview_png", value_parser = parse_duration)]
     pub(super) preview_every: Option<f64>,
     /// How to say how far it is [default: bar on a terminal, else lines]
     #[arg(long, value_enum)]
@@ -268,14 +265,18 @@ pub(super) struct RenderArgs {
     #[arg(long, value_name = "FILE")]
     pub(super) stats_json: Option<PathBuf>,
     /// Write what ran when, as JSON for Chrome's tracing or Perfetto
-    #[arg(long, value_name = "FILE")]
+    #[arg(hide_short_help = true, long, value_name = "FILE")]
     pub(super) trace: Option<PathBuf>,
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
-    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    #[arg(hide_short_help = true, long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,
     /// Read NaN and infinite voxels as 0 instead of refusing the grid
-    #[arg(long)]
+    #[arg(hide_short_help = true, long)]
     pub(super) sanitize: bool,
+    #[command(flatten)]
+    pub(super) batch: BatchArgs,
+    #[command(flatten)]
+    pub(super) tracking: TrackingArgs,
 }
 
 /// Which frames, and what happens when something stops them.
@@ -290,7 +291,7 @@ pub(super) struct BatchArgs {
         conflicts_with = "frames", value_parser = FrameRange::parse_openjd)]
     pub(super) frames_openjd: Option<FrameRange>,
     /// Where a volume file of a frame is missing: fail, leave out, or take the one before
-    #[arg(long, value_enum, default_value = "error")]
+    #[arg(hide_short_help = true, long, value_enum, default_value = "error")]
     pub(super) missing: MissingArg,
     /// Leave out frames that are there, complete and of this scene, samples and version
     #[arg(long)]
@@ -343,28 +344,28 @@ pub(super) enum MissingArg {
 #[command(next_help_heading = "Estimators")]
 pub(super) struct TrackingArgs {
     /// Collisions of camera rays
-    #[arg(long, value_name = "NAME", value_parser = parse_named(CameraRay::ALL, CameraRay::name))]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = parse_named(CameraRay::ALL, CameraRay::name))]
     pub(super) camera_ray: Option<CameraRay>,
     /// First numbers of a path
-    #[arg(long, value_name = "NAME", value_parser = parse_named(SamplerKind::ALL, SamplerKind::name))]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = parse_named(SamplerKind::ALL, SamplerKind::name))]
     pub(super) sampler: Option<SamplerKind>,
     /// Free flight
-    #[arg(long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = parse_named(DistanceEstimator::ALL, DistanceEstimator::name))]
     pub(super) distance: Option<DistanceEstimator>,
     /// Shadow rays
-    #[arg(long, value_name = "NAME", value_parser = parse_named(TransmittanceEstimator::ALL, TransmittanceEstimator::name))]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = parse_named(TransmittanceEstimator::ALL, TransmittanceEstimator::name))]
     pub(super) transmittance: Option<TransmittanceEstimator>,
     /// Bounds of both
-    #[arg(long, value_name = "NAME", value_parser = parse_named(BoundsKind::ALL, BoundsKind::name))]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = parse_named(BoundsKind::ALL, BoundsKind::name))]
     pub(super) bounds: Option<BoundsKind>,
     /// Collisions of shadow rays for each unit of the bound, from 1
-    #[arg(long, value_name = "X")]
+    #[arg(hide_short_help = true, long, value_name = "X")]
     pub(super) collision_rate: Option<f64>,
     /// The same of free flight
-    #[arg(long, value_name = "X")]
+    #[arg(hide_short_help = true, long, value_name = "X")]
     pub(super) flight_rate: Option<f64>,
     /// Step of approx-ray-marching in voxels
-    #[arg(long, value_name = "X")]
+    #[arg(hide_short_help = true, long, value_name = "X")]
     pub(super) march_step: Option<f64>,
 }
 
