@@ -2,8 +2,8 @@
 //!
 //! A photon path run backwards, as nature does it: fly to the next collision, die there with
 //! probability `1 − albedo`, scatter otherwise, and bring home what shines where the path
-//! leaves. What media emit is added up along the way. It is short enough to be checked by eye and serves as the reference for the
-//! path integrator.
+//! leaves. What media emit is added up along the way. It is short enough to be checked by eye and
+//! serves as the reference for the path integrator.
 //!
 //! Do not use it for pictures with a small sun: a disk of half a degree is hit by one path in
 //! 50,000, and parallel light by none, which the scene loader refuses. Where the extinction has a
