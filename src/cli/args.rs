@@ -106,6 +106,13 @@ Examples:
 
 Exit codes: 0 done, 2 wrong usage, 3 bad input.";
 
+const PROFILE_EXAMPLES: &str = "\
+Examples:
+  majorant profile cloud.toml
+  majorant profile cloud.toml -r 480x270 --spp 16 -o profile.html
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
+
 const VERIFY_EXAMPLES: &str = "\
 Examples:
   majorant verify
@@ -180,6 +187,9 @@ pub(super) enum Command {
     /// Read single values of a grid
     #[command(after_help = PROBE_EXAMPLES)]
     Probe(ProbeArgs),
+    /// Measure where the time of a scene goes, and the memory that rays touch
+    #[command(after_help = PROFILE_EXAMPLES)]
+    Profile(ProfileArgs),
     /// Check this build against physics: closed forms, tables, symmetries
     #[command(after_help = VERIFY_EXAMPLES)]
     Verify(VerifyArgs),
@@ -599,6 +609,34 @@ pub(super) struct ProbeArgs {
     /// Print JSON
     #[arg(long)]
     pub(super) json: bool,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ProfileArgs {
+    /// Scene file
+    pub(super) scene: PathBuf,
+    /// Page to write, with pictures
+    #[arg(short, long, value_name = "OUT.html")]
+    pub(super) output: Option<PathBuf>,
+    /// Columns and rows of the image
+    #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
+    pub(super) resolution: Option<[u32; 2]>,
+    /// Samples a pixel [default: the scene's, at most 16]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) spp: Option<u32>,
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
+    pub(super) threads: Option<usize>,
     /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
     #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
     pub(super) max_memory: Option<u64>,

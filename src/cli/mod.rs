@@ -13,6 +13,7 @@ mod json;
 mod memory;
 mod merge;
 mod probe;
+mod profile;
 mod progress;
 mod render;
 mod report;
@@ -110,6 +111,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),
+        Command::Profile(a) => profile::run(a),
         Command::Verify(a) => verify::run(a),
     };
     match result {
