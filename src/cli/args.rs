@@ -81,6 +81,12 @@ const COMPLETIONS_EXAMPLES: &str = "\
 Example:
   majorant completions bash > ~/.local/share/bash-completion/completions/majorant";
 
+const SCHEMA_EXAMPLES: &str = "\
+Example:
+  majorant schema > majorant-scene.schema.json
+and above a scene, for editors that check TOML by Taplo:
+  #:schema ./majorant-scene.schema.json";
+
 const CACHE_EXAMPLES: &str = "\
 Examples:
   majorant cache cloud.vdb
@@ -175,6 +181,9 @@ pub(super) enum Command {
     Completions(CompletionsArgs),
     /// Print the manual page, or write one for each command
     Man(ManArgs),
+    /// Print the JSON Schema of scene files, for editors
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema,
     /// Compare estimators by error against run time
     #[command(after_help = CONVERGE_EXAMPLES)]
     Converge(Box<ConvergeArgs>),
@@ -268,6 +277,9 @@ pub(super) struct RenderArgs {
     /// Rewrite that picture while the image converges: every 5s
     #[arg(hide_short_help = true, long, value_name = "TIME", requires = "preview_png", value_parser = parse_duration)]
     pub(super) preview_every: Option<f64>,
+    /// Show the image in the viewer tev as it converges [default: at 127.0.0.1:14158]
+    #[arg(hide_short_help = true, long, value_name = "tev[=HOST[:PORT]]", value_parser = parse_viewer)]
+    pub(super) preview: Option<String>,
     /// How to say how far it is [default: bar on a terminal, else lines]
     #[arg(long, value_enum)]
     pub(super) progress: Option<ProgressArg>,
@@ -732,6 +744,24 @@ fn parse_shard(s: &str) -> Result<[u32; 2], String> {
     match numbers {
         Some((i, n)) if i < n => Ok([i, n]),
         _ => Err("expected I/N with I from 0 to N - 1, such as 0/4".to_owned()),
+    }
+}
+
+/// Reads `tev` or `tev=HOST[:PORT]` as an address.
+fn parse_viewer(s: &str) -> Result<String, String> {
+    const PORT: &str = "14158";
+    let place = match s.split_once('=') {
+        None if s == "tev" => "127.0.0.1",
+        Some(("tev", place)) if !place.is_empty() => place,
+        _ => return Err("expected tev, tev=HOST or tev=HOST:PORT".to_owned()),
+    };
+    // Addresses with colons of their own are in brackets.
+    match place.rsplit_once(':') {
+        Some((_, port)) if !port.ends_with(']') => match port.parse::<u16>() {
+            Ok(_) => Ok(place.to_owned()),
+            Err(_) => Err(format!("{port:?} is no port, expected a number to 65535")),
+        },
+        _ => Ok(format!("{place}:{PORT}")),
     }
 }
 

@@ -107,6 +107,7 @@ pub(crate) fn run() -> ExitCode {
         Command::Farm(a) => farm::run(a),
         Command::Compare(a) => compare::run(a),
         Command::Completions(a) => comfort::completions(a),
+        Command::Schema => comfort::schema(),
         Command::Man(a) => comfort::man(a),
         Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
