@@ -10,9 +10,14 @@ use std::time::{Duration, Instant};
 use cli_support::{Folder, code, majorant, stderr, stdout};
 use serde_json::Value;
 
+fn data_file(name: &str) -> String {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    root.join("data").join(name).display().to_string()
+}
+
 /// Writes a scene of the cloud with a sun and a sky.
 fn scene(folder: &Folder, more: &str) -> String {
-    let volume = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/cloud.vdb");
+    let volume = data_file("cloud.vdb");
     let text = format!(
         "[camera]\nposition = [0.6, -3.4, 0]\nlook_at = [0, 0, 0]\nvertical_fov_degrees = 24\n[[volume]]\nfile = {volume:?}\n\
          density = {{ scale = 84.0 }}\nphase = {{ type = \"henyey-greenstein\", g = 0.7 }}\n\
@@ -32,10 +37,10 @@ fn data(page: &str) -> Value {
 
 /// Checks what must hold of every profile; `counted` is a render's `--stats-json`.
 fn check(profile: &Value, counted: &Value) {
-    assert_eq!(profile["stats"]["counts"], counted["counts"]);
+    assert_eq!(profile["stats"]["counts"], counted["counts"], "exact");
     let work = profile["work"].as_array().expect("a list");
     let of = |work: &Value, key: &str| work[key].as_f64().expect("a number");
-    assert_eq!(work.len(), 5);
+    assert_eq!(work.len(), 5, "four kinds and the rest");
     let total: f64 = work.iter().map(|w| of(w, "share")).sum();
     assert!((total - 1.0).abs() < 1e-9, "all of the time: {total}");
     let path = profile["nanoseconds_per_path"].as_f64().expect("a number");
@@ -53,8 +58,10 @@ fn check(profile: &Value, counted: &Value) {
     // Work is what was counted in the tiles, in which every path has a camera ray.
     let per_path =
         measured["counts"]["segments"].as_f64().expect("a count") / number("paths") as f64;
-    assert!((of(&work[1], "events_per_path") - per_path).abs() < 1e-9);
-    assert!(measured["counts"]["camera_rays"].as_u64().expect("a count") >= number("paths"));
+    let said = of(&work[1], "events_per_path");
+    assert!((said - per_path).abs() < 1e-9, "{said} for {per_path}");
+    let rays = measured["counts"]["camera_rays"].as_u64();
+    assert!(rays >= Some(number("paths")), "{rays:?}");
     // A memory of more bricks finds no less; nothing is found that was not read.
     let reuse = &measured["reuse"];
     let found: Vec<_> = reuse["found"]
@@ -64,8 +71,8 @@ fn check(profile: &Value, counted: &Value) {
         .map(Value::as_u64)
         .collect();
     assert!(found.is_sorted(), "{found:?}");
-    assert!(found.last().expect("some") <= &reuse["reads"].as_u64());
-    assert_eq!(profile["machine_counters"]["read"], false);
+    assert!(found.last() <= Some(&reuse["reads"].as_u64()), "{reuse}");
+    assert_eq!(profile["machine_counters"]["read"], false, "it says so");
 }
 
 #[test]
@@ -117,7 +124,7 @@ fn a_profile_has_the_counts_of_a_render_and_needs_nothing_else() {
 #[test]
 fn media_that_absorb_overlap_or_have_a_colour_are_profiled_too() {
     let folder = Folder::new();
-    let volume = Path::new(env!("CARGO_MANIFEST_DIR")).join("data/smoke.vdb");
+    let volume = data_file("smoke.vdb");
     let second = format!("[[volume]]\nfile = {volume:?}\n");
     for more in [
         "albedo = [0, 0, 0]\n",
@@ -167,32 +174,14 @@ fn packet(stream: &mut TcpStream) -> Option<Packet> {
     stream.read_exact(&mut length).ok()?;
     let mut bytes = vec![0; u32::from_le_bytes(length) as usize - 4];
     stream.read_exact(&mut bytes).expect("as long as it says");
-    let mut rest = &bytes[..];
-    fn take<'a>(rest: &mut &'a [u8], n: usize) -> &'a [u8] {
-        let (taken, left) = rest.split_at(n);
-        *rest = left;
-        taken
-    }
-    fn number(rest: &mut &[u8]) -> u32 {
-        u32::from_le_bytes(take(rest, 4).try_into().unwrap())
-    }
-    fn text(rest: &mut &[u8]) -> String {
-        let end = rest.iter().position(|&b| b == 0).expect("texts end");
-        let text = String::from_utf8(take(rest, end).to_vec()).unwrap();
-        take(rest, 1);
-        text
-    }
-    let kind = take(&mut rest, 2)[0];
-    let name = text(&mut rest);
-    let channels = |rest: &mut &[u8]| -> Vec<String> {
-        let count = number(rest);
-        (0..count).map(|_| text(rest)).collect()
-    };
+    let mut rest = Rest(&bytes);
+    let kind = rest.take(2)[0];
+    let name = rest.text();
     Some(match kind {
         4 => {
-            let size = [number(&mut rest), number(&mut rest)];
-            let channels = channels(&mut rest);
-            assert!(rest.is_empty(), "{} bytes too many", rest.len());
+            let size = [rest.number(), rest.number()];
+            let channels = rest.channels();
+            assert!(rest.0.is_empty(), "{} bytes too many", rest.0.len());
             Packet::Create {
                 name,
                 size,
@@ -200,15 +189,13 @@ fn packet(stream: &mut TcpStream) -> Option<Packet> {
             }
         }
         6 => {
-            let channels = channels(&mut rest);
-            let place = [0; 4].map(|_| number(&mut rest));
-            let mut long = || u64::from_le_bytes(take(&mut rest, 8).try_into().unwrap());
-            let offsets: Vec<_> = channels.iter().map(|_| long()).collect();
-            let strides: Vec<_> = channels.iter().map(|_| long()).collect();
-            assert_eq!((offsets, strides), (vec![0, 1, 2, 3], vec![4; 4]));
-            let values = rest
-                .chunks_exact(4)
-                .map(|b| f32::from_le_bytes(b.try_into().unwrap()));
+            let channels = rest.channels();
+            let place = [0; 4].map(|_| rest.number());
+            let offsets: Vec<_> = channels.iter().map(|_| rest.long()).collect();
+            let strides: Vec<_> = channels.iter().map(|_| rest.long()).collect();
+            let expected = (vec![0, 1, 2, 3], vec![4; 4]);
+            assert_eq!((offsets, strides), expected, "pixel by pixel");
+            let values = rest.0.as_chunks().0.iter().map(|&b| f32::from_le_bytes(b));
             Packet::Update {
                 name,
                 place,
@@ -217,6 +204,37 @@ fn packet(stream: &mut TcpStream) -> Option<Packet> {
         }
         other => panic!("a packet of type {other}"),
     })
+}
+
+/// What is left of a packet.
+struct Rest<'a>(&'a [u8]);
+
+impl<'a> Rest<'a> {
+    fn take(&mut self, n: usize) -> &'a [u8] {
+        let (taken, left) = self.0.split_at(n);
+        self.0 = left;
+        taken
+    }
+
+    fn number(&mut self) -> u32 {
+        u32::from_le_bytes(self.take(4).try_into().expect("four bytes"))
+    }
+
+    fn long(&mut self) -> u64 {
+        u64::from_le_bytes(self.take(8).try_into().expect("eight bytes"))
+    }
+
+    fn text(&mut self) -> String {
+        let end = self.0.iter().position(|&b| b == 0).expect("texts end");
+        let text = String::from_utf8_lossy(self.take(end)).into_owned();
+        self.take(1);
+        text
+    }
+
+    fn channels(&mut self) -> Vec<String> {
+        let count = self.number();
+        (0..count).map(|_| self.text()).collect()
+    }
 }
 
 #[test]
@@ -306,15 +324,27 @@ fn a_finished_image_is_shown_to_the_end_and_no_viewer_holds_up_a_render() {
     let viewer = format!("tev={address}");
     let accept = std::thread::Builder::new().spawn(move || {
         let (mut stream, _) = listener.accept().unwrap();
-        let shown: Vec<_> = std::iter::from_fn(|| packet(&mut stream)).collect();
-        (shown.len(), listener)
+        let shown = std::iter::from_fn(|| packet(&mut stream));
+        (shown.last(), listener)
     });
     render(&viewer);
     let (shown, listener) = accept.unwrap().join().unwrap();
-    assert_eq!(shown, 2, "created, and shown once it was complete");
+    let Some(Packet::Update { values, .. }) = shown else {
+        panic!("{shown:?}")
+    };
+    let file = exr::prelude::read_first_flat_layer_from_file(&image).unwrap();
+    let channels = file.layer_data.channel_data.list;
+    for (i, name) in ["R", "G", "B", "A"].into_iter().enumerate() {
+        let channel = channels.iter().find(|c| c.name.eq(name)).unwrap();
+        let written = channel.sample_data.values_as_f32();
+        for (a, b) in values.iter().skip(i).step_by(4).zip(written) {
+            // The file has halves: 11 bits.
+            assert!((a - b).abs() <= a.abs() / 2048.0 + 1e-6, "{name}: {a}, {b}");
+        }
+    }
     // Connections wait in the listener's queue and nothing reads: 3.7 MB are more than sockets hold.
     let (_, stalled) = render(&viewer);
-    assert!(stalled < Duration::from_secs(60), "{stalled:?}");
+    assert!(stalled < Duration::from_mins(1), "{stalled:?}");
     // One that goes away after a few bytes.
     let vanish = std::thread::Builder::new().spawn(move || {
         for _ in 0..2 {

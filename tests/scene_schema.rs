@@ -8,7 +8,12 @@ use serde_json::{Value, json};
 
 const ROOT: &str = env!("CARGO_MANIFEST_DIR");
 
+fn limit(rule: &Value) -> Option<usize> {
+    rule.as_u64().and_then(|n| n.try_into().ok())
+}
+
 /// Says where `value` is not what `schema` says, for the keywords that ours uses; any other is an error.
+#[expect(clippy::too_many_lines, reason = "an arm for each keyword")]
 fn mistakes(whole: &Value, schema: &Value, value: &Value, at: &str) -> Vec<String> {
     let wrong = |why: String| vec![format!("{at}: {why}")];
     let Some(schema) = schema.as_object() else {
@@ -21,7 +26,6 @@ fn mistakes(whole: &Value, schema: &Value, value: &Value, at: &str) -> Vec<Strin
     let mut found = Vec::new();
     for (keyword, rule) in schema {
         found.extend(match keyword.as_str() {
-            "$schema" | "$defs" | "title" | "description" | "default" | "format" => Vec::new(),
             "$ref" => {
                 let path = rule.as_str().expect("a path").trim_start_matches('#');
                 let target = whole.pointer(path).unwrap_or_else(|| panic!("no {path}"));
@@ -47,26 +51,29 @@ fn mistakes(whole: &Value, schema: &Value, value: &Value, at: &str) -> Vec<Strin
                     wrong(format!("{value} is no {rule}"))
                 }
             }
-            "const" if rule == value => Vec::new(),
-            "const" => wrong(format!("{value} is not {rule}")),
-            "enum" if rule.as_array().expect("a list").contains(value) => Vec::new(),
-            "enum" => wrong(format!("{value} is none of {rule}")),
+            "const" if rule != value => wrong(format!("{value} is not {rule}")),
+            "enum" if !rule.as_array().expect("a list").contains(value) => {
+                wrong(format!("{value} is none of {rule}"))
+            }
             "minimum" if value.as_f64() < rule.as_f64() => {
                 wrong(format!("{value} is below {rule}"))
             }
             "maximum" if value.as_f64() > rule.as_f64() => {
                 wrong(format!("{value} is above {rule}"))
             }
-            "minItems" if (value.as_array().map(Vec::len)) < rule.as_u64().map(|n| n as usize) => {
+            "minItems" if (value.as_array().map(Vec::len)) < limit(rule) => {
                 wrong(format!("less than {rule}"))
             }
-            "maxItems" if (value.as_array().map(Vec::len)) > rule.as_u64().map(|n| n as usize) => {
+            "maxItems" if (value.as_array().map(Vec::len)) > limit(rule) => {
                 wrong(format!("more than {rule}"))
             }
             "minProperties" if value.as_object().is_some_and(serde_json::Map::is_empty) => {
                 wrong("is empty".to_owned())
             }
-            "minimum" | "maximum" | "minItems" | "maxItems" | "minProperties" => Vec::new(),
+            // What is no rule, rules that are kept, and patterns: beside "additionalProperties".
+            "$schema" | "$defs" | "title" | "description" | "default" | "format" | "const"
+            | "enum" | "minimum" | "maximum" | "minItems" | "maxItems" | "minProperties"
+            | "patternProperties" => Vec::new(),
             "anyOf" | "oneOf" => {
                 let all = rule.as_array().expect("a list").iter();
                 let all: Vec<_> = all.map(|s| mistakes(whole, s, value, at)).collect();
@@ -96,7 +103,7 @@ fn mistakes(whole: &Value, schema: &Value, value: &Value, at: &str) -> Vec<Strin
                     .collect()
             }
             "additionalProperties" => {
-                assert_eq!(rule, &json!(false));
+                assert_eq!(rule, &json!(false), "no other is used");
                 let of_keys = schema.get("properties").and_then(Value::as_object);
                 // Of patterns, only that of frames.
                 let frames = schema.contains_key("patternProperties");
@@ -110,7 +117,6 @@ fn mistakes(whole: &Value, schema: &Value, value: &Value, at: &str) -> Vec<Strin
                     .flat_map(|key| wrong(format!("no key {key}")))
                     .collect()
             }
-            "patternProperties" => Vec::new(),
             other => panic!("{at}: keyword {other}"),
         });
     }

@@ -12,6 +12,7 @@ mod info;
 mod json;
 mod memory;
 mod merge;
+mod parse;
 mod probe;
 mod profile;
 mod progress;
