@@ -1,0 +1,15 @@
+//! The program as its users run it.
+
+mod converge;
+mod data_scenes;
+mod farm;
+mod info;
+mod interruption;
+mod parts;
+mod profile;
+mod progress;
+mod render;
+mod sequence;
+mod support;
+mod verify;
+mod viewer;
