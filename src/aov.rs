@@ -3,10 +3,11 @@
 //! What a channel holds is told where it is filled (`render`); here are names alone, and the film's
 //! planes for those that are asked for. Nothing is allocated for the others.
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 /// Something to write beside the colours.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aov {
     /// What the media let through along camera rays.

@@ -14,13 +14,14 @@
 use glam::DVec3;
 use rand_core::Rng as _;
 use rand_pcg::Pcg64Mcg;
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::sobol::{DIMENSIONS, PixelSequence};
 use crate::space::orthonormal_frame;
 
 /// Where the first numbers of a camera path come from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum SamplerKind {
     /// A scrambled Sobol' sequence for each pixel: less noise, and a variance channel that

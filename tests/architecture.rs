@@ -77,7 +77,7 @@ const TABLE: &[(&str, &str)] = &[
     (
         "cli",
         "cli space spectrum stats sampling aov grid vdb cache phase camera light film medium tracking \
-         integrator sequence farm noise_limit scene plan render output converge verify",
+         integrator sequence farm noise_limit scene plan render silhouette output converge verify",
     ),
 ];
 

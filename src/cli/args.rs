@@ -10,12 +10,15 @@ use majorant::aov::Aov;
 use majorant::film::Region;
 use majorant::grid::StorageKind;
 use majorant::integrator::{CameraRay, IntegratorKind};
-use majorant::output::{SampleRanges, SampleRangesError};
 use majorant::sampling::SamplerKind;
-use majorant::scene::MAX_RESOLUTION;
 use majorant::scene::default_look::UpAxis;
 use majorant::sequence::FrameRange;
 use majorant::tracking::{BoundsKind, DistanceEstimator, TransmittanceEstimator};
+
+use super::parse::{
+    parse_crop, parse_duration, parse_index, parse_point, parse_positive, parse_resolution,
+    parse_samples, parse_setting, parse_shard, parse_viewer,
+};
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 failed, such as an output that cannot be written; 2 wrong usage;
@@ -81,6 +84,12 @@ const COMPLETIONS_EXAMPLES: &str = "\
 Example:
   majorant completions bash > ~/.local/share/bash-completion/completions/majorant";
 
+const SCHEMA_EXAMPLES: &str = "\
+Example:
+  majorant schema > majorant-scene.schema.json
+and above a scene, for editors that check TOML by Taplo:
+  #:schema ./majorant-scene.schema.json";
+
 const CACHE_EXAMPLES: &str = "\
 Examples:
   majorant cache cloud.vdb
@@ -105,6 +114,13 @@ Examples:
   majorant probe cloud.vdb --grid density --world 0.1,0.2,0.3 --json
 
 Exit codes: 0 done, 2 wrong usage, 3 bad input.";
+
+const PROFILE_EXAMPLES: &str = "\
+Examples:
+  majorant profile cloud.toml
+  majorant profile cloud.toml -r 480x270 --spp 16 -o profile.html
+
+Exit codes: 0 done, 1 failed, 2 wrong usage, 3 bad input.";
 
 const VERIFY_EXAMPLES: &str = "\
 Examples:
@@ -168,6 +184,9 @@ pub(super) enum Command {
     Completions(CompletionsArgs),
     /// Print the manual page, or write one for each command
     Man(ManArgs),
+    /// Print the JSON Schema of scene files, for editors
+    #[command(after_help = SCHEMA_EXAMPLES)]
+    Schema,
     /// Compare estimators by error against run time
     #[command(after_help = CONVERGE_EXAMPLES)]
     Converge(Box<ConvergeArgs>),
@@ -180,6 +199,9 @@ pub(super) enum Command {
     /// Read single values of a grid
     #[command(after_help = PROBE_EXAMPLES)]
     Probe(ProbeArgs),
+    /// Measure where the time of a scene goes, and the memory that rays touch
+    #[command(after_help = PROFILE_EXAMPLES)]
+    Profile(ProfileArgs),
     /// Check this build against physics: closed forms, tables, symmetries
     #[command(after_help = VERIFY_EXAMPLES)]
     Verify(VerifyArgs),
@@ -258,6 +280,9 @@ pub(super) struct RenderArgs {
     /// Rewrite that picture while the image converges: every 5s
     #[arg(hide_short_help = true, long, value_name = "TIME", requires = "preview_png", value_parser = parse_duration)]
     pub(super) preview_every: Option<f64>,
+    /// Show the image in the viewer tev as it converges [default: at 127.0.0.1:14158]
+    #[arg(hide_short_help = true, long, value_name = "tev[=HOST[:PORT]]", value_parser = parse_viewer)]
+    pub(super) preview: Option<String>,
     /// How to say how far it is [default: bar on a terminal, else lines]
     #[arg(long, value_enum)]
     pub(super) progress: Option<ProgressArg>,
@@ -605,6 +630,34 @@ pub(super) struct ProbeArgs {
 }
 
 #[derive(Debug, clap::Args)]
+pub(super) struct ProfileArgs {
+    /// Scene file
+    pub(super) scene: PathBuf,
+    /// Page to write, with pictures
+    #[arg(short, long, value_name = "OUT.html")]
+    pub(super) output: Option<PathBuf>,
+    /// Columns and rows of the image
+    #[arg(short, long, value_name = "WxH", value_parser = parse_resolution)]
+    pub(super) resolution: Option<[u32; 2]>,
+    /// Samples a pixel [default: the scene's, at most 16]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    pub(super) spp: Option<u32>,
+    /// Print JSON
+    #[arg(long)]
+    pub(super) json: bool,
+    #[arg(
+        short = 'j',
+        long,
+        value_name = "N",
+        help = "Threads; 0: all [default: SLURM_CPUS_PER_TASK, else all]"
+    )]
+    pub(super) threads: Option<usize>,
+    /// Refuse what needs more memory, such as 8G or 512M [default: 80 % of the machine's]
+    #[arg(long, value_name = "SIZE", value_parser = super::memory::parse_size)]
+    pub(super) max_memory: Option<u64>,
+}
+
+#[derive(Debug, clap::Args)]
 pub(super) struct VerifyArgs {
     /// Run extreme cases instead: huge and tiny numbers, odd grids, rays on edges
     #[arg(long)]
@@ -654,101 +707,6 @@ impl From<UpArg> for UpAxis {
     }
 }
 
-fn parse_resolution(s: &str) -> Result<[u32; 2], String> {
-    let expected = || format!("expected WIDTHxHEIGHT, each from 1 to {MAX_RESOLUTION}");
-    let (width, height) = s.split_once('x').ok_or_else(expected)?;
-    let edge = |s: &str| s.parse().ok().filter(|n| (1..=MAX_RESOLUTION).contains(n));
-    edge(width)
-        .zip(edge(height))
-        .map(|(w, h)| [w, h])
-        .ok_or_else(expected)
-}
-
-/// Reads `X0,Y0,X1,Y1`.
-fn parse_crop(s: &str) -> Result<Region, String> {
-    let numbers: Option<Vec<u32>> = s.split(',').map(|n| n.trim().parse().ok()).collect();
-    match numbers.as_deref() {
-        Some(&[x0, y0, x1, y1]) if x0 < x1 && y0 < y1 => Ok(Region {
-            min: [x0, y0],
-            max: [x1, y1],
-        }),
-        _ => Err("expected X0,Y0,X1,Y1 in pixels, the second corner beyond the first".to_owned()),
-    }
-}
-
-/// Reads `A..B`.
-fn parse_samples(s: &str) -> Result<Range<u32>, String> {
-    let ranges: SampleRanges = s.parse().map_err(|e: SampleRangesError| e.to_string())?;
-    let edge = |n: u64| u32::try_from(n).ok();
-    match ranges.ranges() {
-        [one] => edge(one.start).zip(edge(one.end)).map(|(a, b)| a..b),
-        _ => None,
-    }
-    .ok_or_else(|| "expected one range A..B, such as 256..512".to_owned())
-}
-
-/// Reads `I/N`.
-fn parse_shard(s: &str) -> Result<[u32; 2], String> {
-    let numbers = s.split_once('/');
-    let numbers = numbers.and_then(|(i, n)| i.parse().ok().zip(n.parse().ok()));
-    match numbers {
-        Some((i, n)) if i < n => Ok([i, n]),
-        _ => Err("expected I/N with I from 0 to N - 1, such as 0/4".to_owned()),
-    }
-}
-
-/// Reads `path.to.key=value`.
-fn parse_setting(s: &str) -> Result<(String, String), String> {
-    let (path, value) = s
-        .split_once('=')
-        .ok_or("expected path.to.key=value, such as light.0.irradiance=[6,5,4]")?;
-    Ok((path.trim().to_owned(), value.trim().to_owned()))
-}
-
-fn parse_positive(s: &str) -> Result<f64, String> {
-    let number = s.parse().ok().filter(|x: &f64| *x > 0.0 && x.is_finite());
-    number.ok_or_else(|| "expected a number above 0".to_owned())
-}
-
-/// Reads `90s`, `2m`, `1.5h` or plain seconds.
-fn parse_duration(s: &str) -> Result<f64, String> {
-    let digits = s.trim_end_matches(|c: char| c.is_ascii_alphabetic());
-    let unit = match &s[digits.len()..] {
-        "" | "s" => Some(1.0),
-        "m" | "min" => Some(60.0),
-        "h" => Some(3600.0),
-        _ => None,
-    };
-    let count = parse_positive(digits).ok();
-    let secs = count.zip(unit).map(|(count, unit)| count * unit);
-    secs.ok_or_else(|| "expected a time above 0, such as 90s, 2m or 1h".to_owned())
-}
-
-fn parse_three<T: std::str::FromStr>(s: &str, separator: char) -> Option<[T; 3]> {
-    let mut parts = s.split(separator).map(|p| p.trim().parse().ok());
-    let three = [parts.next()??, parts.next()??, parts.next()??];
-    parts.next().is_none().then_some(three)
-}
-
-fn parse_index(s: &str) -> Result<IVec3, String> {
-    parse_three(s, ',')
-        .map(IVec3::from_array)
-        .ok_or_else(|| "expected three integers of 32 bit, I,J,K".to_owned())
-}
-
-fn parse_point(s: &str) -> Result<DVec3, String> {
-    parse_three(s, ',')
-        .map(DVec3::from_array)
-        .filter(|p| p.is_finite())
-        .ok_or_else(|| "expected three finite numbers, X,Y,Z".to_owned())
-}
-
-/// Reads one `i j k` of a line of `--at-file`.
-pub(super) fn parse_index_line(line: &str) -> Option<IVec3> {
-    let words = line.split_whitespace().collect::<Vec<_>>().join(",");
-    parse_three(&words, ',').map(IVec3::from_array)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -766,33 +724,5 @@ mod tests {
             let lines = help.lines().count();
             assert!(lines <= 50, "{}: {lines} lines", command.get_name());
         }
-    }
-
-    #[test]
-    fn resolutions() {
-        assert_eq!(parse_resolution("480x270"), Ok([480, 270]));
-        for bad in ["480", "0x1", "1x65537", "-1x5", "4 x 5", "4x5x6", ""] {
-            assert!(parse_resolution(bad).is_err(), "{bad:?}");
-        }
-    }
-
-    #[test]
-    fn durations() {
-        for (text, secs) in [("90", 90.0), ("90s", 90.0), ("2m", 120.0), ("1.5h", 5400.0)] {
-            assert_eq!(parse_duration(text), Ok(secs));
-        }
-        for bad in ["", "0", "-1s", "s", "1d", "inf", "nan"] {
-            assert!(parse_duration(bad).is_err(), "{bad:?}");
-        }
-    }
-
-    #[test]
-    fn voxels_and_points() {
-        assert_eq!(parse_index("-1,2,3"), Ok(IVec3::new(-1, 2, 3)));
-        assert_eq!(parse_index_line(" -1\t2  3 "), Some(IVec3::new(-1, 2, 3)));
-        assert_eq!(parse_index_line("1 2"), None);
-        assert!(parse_index("1,2,3000000000").is_err(), "beyond 32 bit");
-        assert!(parse_index("1,2,3,4").is_err(), "four");
-        assert!(parse_point("1,2,nan").is_err(), "not a number");
     }
 }

@@ -1,4 +1,4 @@
-//! `majorant completions` and `majorant man`: what shells and manuals know of the command line.
+//! `majorant completions`, `man` and `schema`: what shells, manuals and editors know of the program.
 
 use std::path::Path;
 
@@ -30,6 +30,13 @@ pub(super) fn man(args: &ManArgs) -> Result<(), Failure> {
     }
     let whole = page(command)?;
     write(folder, "majorant", &whole)
+}
+
+/// Prints the JSON Schema of scene files.
+pub(super) fn schema() -> Result<(), Failure> {
+    let schema = majorant::scene::schema();
+    let text = serde_json::to_string_pretty(&schema).map_err(Failure::failed)?;
+    report::print(&format!("{text}\n"))
 }
 
 fn page(command: clap::Command) -> Result<Vec<u8>, Failure> {

@@ -12,7 +12,9 @@ mod info;
 mod json;
 mod memory;
 mod merge;
+mod parse;
 mod probe;
+mod profile;
 mod progress;
 mod render;
 mod report;
@@ -106,10 +108,12 @@ pub(crate) fn run() -> ExitCode {
         Command::Farm(a) => farm::run(a),
         Command::Compare(a) => compare::run(a),
         Command::Completions(a) => comfort::completions(a),
+        Command::Schema => comfort::schema(),
         Command::Man(a) => comfort::man(a),
         Command::Cache(a) => cache::run(a),
         Command::Info(a) => info::run(a),
         Command::Probe(a) => probe::run(a),
+        Command::Profile(a) => profile::run(a),
         Command::Verify(a) => verify::run(a),
     };
     match result {

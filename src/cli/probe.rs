@@ -9,8 +9,9 @@ use majorant::space::floor_to_voxel;
 use majorant::vdb::{Archive, Grid, LoadOptions, TypedGrid};
 use serde::Serialize;
 
-use super::args::{ProbeArgs, parse_index_line};
+use super::args::ProbeArgs;
 use super::json::{Number, Shown, Value};
+use super::parse::parse_index_line;
 use super::{Failure, memory, report};
 
 /// What was found at one place.

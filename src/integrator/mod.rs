@@ -22,6 +22,7 @@ mod path;
 mod primary;
 mod surroundings;
 
+use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use self::emission::Emitters;
@@ -40,7 +41,7 @@ use crate::stats::Counts;
 use crate::tracking::{Survey, Tracking};
 
 /// Which integrator renders.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum IntegratorKind {
     /// Next-event estimation, absorption as weight, Russian roulette: the production choice.
@@ -52,7 +53,7 @@ pub enum IntegratorKind {
 }
 
 /// How the camera ray's collision is found. The expectation is the same.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum CameraRay {
     /// By expectation where the medium is thin along camera rays, else analog; transmittances

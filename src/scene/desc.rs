@@ -5,11 +5,14 @@
 //! values are, wherever they stand in the file. Keys that only some `type` of light or phase
 //! function knows are optional here and checked against the type in `check`.
 //!
+//! The [schema](super::schema) is made from the same structs.
+//!
 //! Nothing here is validated beyond its TOML type. Angles are degrees and colours linear
 //! Rec. 709, as people write them; lengths are world units.
 
 use std::path::PathBuf;
 
+use schemars::JsonSchema;
 use serde::Deserialize;
 use toml::Spanned;
 
@@ -25,7 +28,7 @@ pub fn unplaced<T>(value: T) -> Spanned<T> {
 }
 
 /// A whole scene file.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct SceneDesc {
     /// The image.
@@ -35,9 +38,11 @@ pub struct SceneDesc {
     pub camera: CameraDesc,
     /// The volumes, at least one: they add up where they overlap.
     #[serde(default)]
+    #[schemars(with = "Vec<VolumeDesc>")]
     pub volume: Vec<Spanned<VolumeDesc>>,
     /// The lights; none gives a black image.
     #[serde(default)]
+    #[schemars(with = "Vec<LightDesc>")]
     pub light: Vec<Spanned<LightDesc>>,
     /// Sampling and light transport.
     #[serde(default)]
@@ -45,12 +50,14 @@ pub struct SceneDesc {
 }
 
 /// `[image]`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct ImageDesc {
     /// Columns and rows.
+    #[schemars(with = "[u32; 2]")]
     pub resolution: Spanned<[u32; 2]>,
     /// What is written beside the colours.
+    #[schemars(with = "Vec<Aov>")]
     pub aovs: Spanned<Vec<Aov>>,
 }
 
@@ -64,18 +71,22 @@ impl Default for ImageDesc {
 }
 
 /// `[camera]`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct CameraDesc {
     /// Where the camera stands.
+    #[schemars(with = "[f64; 3]")]
     pub position: Spanned<[f64; 3]>,
     /// The point in the centre of the image.
+    #[schemars(with = "[f64; 3]")]
     pub look_at: Spanned<[f64; 3]>,
     /// The direction that is up in the image.
     #[serde(default = "CameraDesc::default_up")]
+    #[schemars(with = "[f64; 3]")]
     pub up: Spanned<[f64; 3]>,
     /// Angle that the image's height spans.
     #[serde(default = "CameraDesc::default_vertical_fov_degrees")]
+    #[schemars(with = "f64")]
     pub vertical_fov_degrees: Spanned<f64>,
 }
 
@@ -90,11 +101,12 @@ impl CameraDesc {
 }
 
 /// `[[volume]]`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct VolumeDesc {
     /// The `.vdb` or cache file, relative to the scene file; of a sequence, with the frame's
     /// number as in `smoke_####.vdb`.
+    #[schemars(with = "PathBuf")]
     pub file: Spanned<PathBuf>,
     /// Added to the frame's number in `file`.
     #[serde(default)]
@@ -104,36 +116,46 @@ pub struct VolumeDesc {
     pub density: DensityDesc,
     /// What the extinction of each channel is multiplied by.
     #[serde(default = "VolumeDesc::default_extinction_color")]
+    #[schemars(with = "[f64; 3]")]
     pub extinction_color: Spanned<[f64; 3]>,
     /// Single-scattering albedo.
     #[serde(default = "VolumeDesc::default_albedo")]
+    #[schemars(with = "AlbedoDesc")]
     pub albedo: Spanned<AlbedoDesc>,
     /// What the volume emits; unset: nothing.
+    #[schemars(with = "Option<EmissionDesc>")]
     pub emission: Option<Spanned<EmissionDesc>>,
     /// Phase function.
     #[serde(default = "VolumeDesc::default_phase")]
+    #[schemars(with = "PhaseDesc")]
     pub phase: Spanned<PhaseDesc>,
     /// How values are stored in memory. A cache file has decided that already.
     #[serde(default = "VolumeDesc::default_encoding")]
+    #[schemars(with = "StorageKind")]
     pub encoding: Spanned<StorageKind>,
     /// Of `encoding = "auto"`: largest RMS error in optical depth of any ray.
     #[serde(default = "VolumeDesc::default_storage_error")]
+    #[schemars(with = "f64")]
     pub storage_error: Spanned<f64>,
     /// Where the file's origin is moved to.
     #[serde(default = "VolumeDesc::default_translate")]
+    #[schemars(with = "[f64; 3]")]
     pub translate: Spanned<[f64; 3]>,
     /// Degrees about the world's axes: first x, then y, then z.
     #[serde(default = "VolumeDesc::default_rotate")]
+    #[schemars(with = "[f64; 3]")]
     pub rotate: Spanned<[f64; 3]>,
     /// Size, before the rotation.
     #[serde(default = "VolumeDesc::default_scale")]
+    #[schemars(with = "ScaleDesc")]
     pub scale: Spanned<ScaleDesc>,
     /// In place of the three above: rows of the map from the file's world to the scene's.
+    #[schemars(with = "Option<[[f64; 4]; 4]>")]
     pub matrix: Option<Spanned<[[f64; 4]; 4]>>,
 }
 
 /// `albedo` of a volume.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(
     untagged,
     expecting = "expected three numbers, or { grid = \"…\", scale = … }"
@@ -146,7 +168,7 @@ pub enum AlbedoDesc {
 }
 
 /// `albedo = { … }` of a volume: by one of `grid` and `grids`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct AlbedoGridDesc {
     /// A grid of vectors, or a scalar one for all channels.
@@ -165,7 +187,7 @@ impl AlbedoGridDesc {
 }
 
 /// A size of all axes, or of each.
-#[derive(Clone, Copy, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(untagged, expecting = "expected a number, or three")]
 pub enum ScaleDesc {
     /// The same for all axes.
@@ -228,12 +250,14 @@ impl VolumeDesc {
 }
 
 /// `density = { … }` of a volume.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct DensityDesc {
     /// Name of the grid.
+    #[schemars(with = "String")]
     pub grid: Spanned<String>,
     /// Extinction of a density of one: `sigma_t = scale · density`, per world unit.
+    #[schemars(with = "f64")]
     pub scale: Spanned<f64>,
 }
 
@@ -247,26 +271,35 @@ impl Default for DensityDesc {
 }
 
 /// `emission = { … }` of a volume: by one of `grid`, `grids` and `temperature`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct EmissionDesc {
     /// A grid of emitted radiance per unit length, scalar or of vectors.
+    #[schemars(with = "Option<String>")]
     pub grid: Option<Spanned<String>>,
     /// Three scalar grids of it, one a channel.
+    #[schemars(with = "Option<[String; 3]>")]
     pub grids: Option<Spanned<[String; 3]>>,
     /// A grid of temperatures.
+    #[schemars(with = "Option<String>")]
     pub temperature: Option<Spanned<String>>,
     /// What the values are multiplied by; of temperatures, kelvin for each unit.
+    #[schemars(with = "f64")]
     pub scale: Spanned<f64>,
     /// Of `grid` and `grids`: what each channel is multiplied by as well.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub color: Option<Spanned<[f64; 3]>>,
     /// Of `temperature`: kelvin of a value of zero.
+    #[schemars(with = "Option<f64>")]
     pub offset: Option<Spanned<f64>>,
     /// Of `temperature`: what the black body's radiance is multiplied by.
+    #[schemars(with = "Option<f64>")]
     pub intensity: Option<Spanned<f64>>,
     /// Of `temperature`: what is 1 before that.
+    #[schemars(with = "Option<PeakDesc>")]
     pub peak: Option<Spanned<PeakDesc>>,
     /// Of `temperature`: radiance in W m⁻² sr⁻¹, in place of a peak of 1.
+    #[schemars(with = "Option<bool>")]
     pub physical: Option<Spanned<bool>>,
 }
 
@@ -287,7 +320,7 @@ impl Default for EmissionDesc {
 }
 
 /// Which peak of a black body is 1, by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PeakDesc {
     /// That of its spectrum: what is hotter is brighter.
@@ -297,24 +330,28 @@ pub enum PeakDesc {
 }
 
 /// `phase = { … }` of a volume.
-#[derive(Clone, Debug, Default, PartialEq, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct PhaseDesc {
     /// Which phase function.
     #[serde(rename = "type")]
     pub kind: PhaseKind,
     /// Mean cosine, of `henyey-greenstein` only.
+    #[schemars(with = "Option<f64>")]
     pub g: Option<Spanned<f64>>,
     /// Mean cosines of the two lobes, of `double-henyey-greenstein` only.
+    #[schemars(with = "Option<[f64; 2]>")]
     pub gs: Option<Spanned<[f64; 2]>>,
     /// Share of the first lobe, of `double-henyey-greenstein` only.
+    #[schemars(with = "Option<f64>")]
     pub first_weight: Option<Spanned<f64>>,
     /// Diameter of droplets, of `droplets` only.
+    #[schemars(with = "Option<f64>")]
     pub diameter_micrometres: Option<Spanned<f64>>,
 }
 
 /// Phase functions by name.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum PhaseKind {
     /// Every direction alike.
@@ -344,41 +381,56 @@ impl PhaseKind {
 }
 
 /// `[[light]]`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields)]
 pub struct LightDesc {
     /// Which light.
     #[serde(rename = "type")]
     pub kind: LightKind,
     /// Of `distant`, required: points from the scene to the light, of any length but zero.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub direction_to_light: Option<Spanned<[f64; 3]>>,
     /// Of `distant`, required: irradiance on a plane that faces the light.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub irradiance: Option<Spanned<[f64; 3]>>,
     /// Of `distant`: angle that the disk spans; 0 is parallel light.
+    #[schemars(with = "Option<f64>")]
     pub angular_diameter_degrees: Option<Spanned<f64>>,
     /// Of `constant` and `sphere`, required: radiance from every direction, or of the surface.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub radiance: Option<Spanned<[f64; 3]>>,
     /// Of `environment`, required: a latitude–longitude image, relative to the scene file.
+    #[schemars(with = "Option<PathBuf>")]
     pub file: Option<Spanned<PathBuf>>,
     /// Of `environment` and `sun-sky`: what its light is multiplied by.
+    #[schemars(with = "Option<f64>")]
     pub scale: Option<Spanned<f64>>,
     /// Of `environment` and `sun-sky`: turn about the vertical, counter-clockwise from above.
+    #[schemars(with = "Option<f64>")]
     pub rotate_degrees: Option<Spanned<f64>>,
     /// Of `environment` and `sun-sky`: where the zenith is.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub up: Option<Spanned<[f64; 3]>>,
     /// Of `sun-sky`: haze.
+    #[schemars(with = "Option<f64>")]
     pub turbidity: Option<Spanned<f64>>,
     /// Of `sun-sky`, required: height of the sun above the horizon.
+    #[schemars(with = "Option<f64>")]
     pub sun_elevation_degrees: Option<Spanned<f64>>,
     /// Of `sun-sky`: direction of the sun around the zenith.
+    #[schemars(with = "Option<f64>")]
     pub sun_azimuth_degrees: Option<Spanned<f64>>,
     /// Of `sun-sky`: how much the ground below the horizon reflects.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub ground_albedo: Option<Spanned<[f64; 3]>>,
     /// Of `point` and `sphere`, required: where it is.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub position: Option<Spanned<[f64; 3]>>,
     /// Of `point`, required: power per steradian.
+    #[schemars(with = "Option<[f64; 3]>")]
     pub intensity: Option<Spanned<[f64; 3]>>,
     /// Of `sphere`, required.
+    #[schemars(with = "Option<f64>")]
     pub radius: Option<Spanned<f64>>,
 }
 
@@ -422,7 +474,7 @@ impl LightDesc {
 }
 
 /// Lights by name.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize, JsonSchema)]
 #[serde(rename_all = "kebab-case")]
 pub enum LightKind {
     /// A sun.
@@ -454,16 +506,19 @@ impl LightKind {
 }
 
 /// `[render]`.
-#[derive(Clone, Debug, PartialEq, Deserialize)]
+#[derive(Clone, Debug, PartialEq, Deserialize, JsonSchema)]
 #[serde(default, deny_unknown_fields)]
 pub struct RenderDesc {
     /// Samples a pixel.
+    #[schemars(with = "u32")]
     pub spp: Spanned<u32>,
     /// Seed of all random streams, all 64 bits of it: the reader takes more than TOML promises.
+    #[schemars(with = "u64")]
     pub seed: Spanned<u64>,
     /// Frame number: other frames get other noise.
     pub frame: i32,
     /// Which integrator renders.
+    #[schemars(with = "IntegratorKind")]
     pub integrator: Spanned<IntegratorKind>,
     /// How the path integrator finds a camera ray's collision.
     pub camera_ray: CameraRay,
@@ -474,16 +529,21 @@ pub struct RenderDesc {
     /// BIAS: a cap darkens the image.
     pub max_bounces: Option<u32>,
     /// How the distance to the next collision is drawn.
+    #[schemars(with = "DistanceEstimator")]
     pub distance: Spanned<DistanceEstimator>,
     /// How the transmittance of a shadow ray is estimated.
+    #[schemars(with = "TransmittanceEstimator")]
     pub transmittance: Spanned<TransmittanceEstimator>,
     /// Which bounds both use.
     pub bounds: BoundsKind,
     /// Tentative collisions for each unit of the bound, of shadow rays.
+    #[schemars(with = "f64")]
     pub collision_rate: Spanned<f64>,
     /// The same of free flight.
+    #[schemars(with = "f64")]
     pub flight_rate: Spanned<f64>,
     /// Of `approx-ray-marching`: step in voxels.
+    #[schemars(with = "f64")]
     pub march_step: Spanned<f64>,
 }
 

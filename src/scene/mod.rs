@@ -27,6 +27,7 @@ mod framing;
 mod keyframes;
 mod load;
 mod placement;
+mod schema;
 mod template;
 mod value;
 mod write;
@@ -35,6 +36,7 @@ pub use check::{BYTES_PER_PIXEL, Checked, MAX_RESOLUTION};
 pub use error::{DescriptionError, SceneError};
 pub use files::MissingFile;
 pub use load::{LoadOptions, LoadStage, LoadedVolume};
+pub use schema::schema;
 pub use template::SceneTemplate;
 
 use std::path::Path;

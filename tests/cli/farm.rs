@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use crate::support::{Folder, code, fixture, majorant, stderr};
+use crate::support::{Folder, code, fixture, majorant, pixels, stderr};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_majorant");
 
@@ -54,18 +54,6 @@ fn locally(folder: &Folder, scene: &str) {
     ];
     let run = majorant(&merge);
     assert_eq!(code(&run), 0, "{}", stderr(&run));
-}
-
-fn pixels(path: &str) -> Vec<(String, Vec<u32>)> {
-    let image = exr::prelude::read_first_flat_layer_from_file(path)
-        .unwrap_or_else(|e| panic!("{path}: {e}"));
-    let channels = image.layer_data.channel_data.list.iter();
-    channels
-        .map(|c| {
-            let bits = c.sample_data.values_as_f32().map(f32::to_bits).collect();
-            (c.name.to_string(), bits)
-        })
-        .collect()
 }
 
 fn assert_equal(folder: &Folder, there: &str) {

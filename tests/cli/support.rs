@@ -52,3 +52,36 @@ pub(crate) fn stdout(run: &Output) -> String {
 pub(crate) fn stderr(run: &Output) -> String {
     String::from_utf8(run.stderr.clone()).expect("text")
 }
+
+/// Returns the channels of an image, bit by bit.
+pub(crate) fn pixels(path: &str) -> Vec<(String, Vec<u32>)> {
+    let image = exr::prelude::read_first_flat_layer_from_file(path)
+        .unwrap_or_else(|e| panic!("{path}: {e}"));
+    let channels = image.layer_data.channel_data.list.iter();
+    channels
+        .map(|c| {
+            let bits = c.sample_data.values_as_f32().map(f32::to_bits).collect();
+            (c.name.to_string(), bits)
+        })
+        .collect()
+}
+
+/// Returns an attribute of an image, a text.
+pub(crate) fn attribute(path: &str, name: &str) -> String {
+    let image = exr::prelude::read_first_flat_layer_from_file(path).expect("an image");
+    match image.layer_data.attributes.other.get(name.as_bytes()) {
+        Some(exr::prelude::AttributeValue::Text(text)) => text.to_string(),
+        other => panic!("{name} is {other:?}"),
+    }
+}
+
+/// Returns the names of the files of a folder, in order.
+pub(crate) fn names(folder: &str) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).expect("the folder is there");
+    let name = |e: std::io::Result<std::fs::DirEntry>| {
+        e.expect("listed").file_name().into_string().expect("plain")
+    };
+    let mut names: Vec<_> = entries.map(name).collect();
+    names.sort();
+    names
+}

@@ -5,6 +5,7 @@ mod cache;
 mod hostile;
 mod scene_errors;
 mod scene_format;
+mod scene_schema;
 mod storage;
 mod vdb_matrix;
 mod vdb_mutants;

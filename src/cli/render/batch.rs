@@ -8,6 +8,7 @@ use std::time::Instant;
 use super::frame::{self, End};
 use super::job::{Job, Jobs, Ready};
 use super::summary::{explanation, report_plan};
+use super::viewer::Viewer;
 use super::watch::{Cause, Watch};
 use crate::cli::args::RenderArgs;
 use crate::cli::progress::{Place, say_status};
@@ -21,6 +22,7 @@ pub(super) struct Batch<'a> {
     jobs: &'a Jobs<'a>,
     frames: &'a [Option<i32>],
     watch: Watch,
+    viewer: Option<Viewer>,
     /// Since the program's start, for the first frame to be rendered.
     begin: Option<Clock>,
     tally: Tally,
@@ -48,6 +50,7 @@ impl<'a> Batch<'a> {
             jobs,
             frames,
             watch: Watch::new(Instant::now(), batch.time_limit, batch.checkpoint)?,
+            viewer: args.preview.as_deref().map(Viewer::find).transpose()?,
             begin: Some(begin),
             tally: Tally::default(),
         })
@@ -142,11 +145,18 @@ impl<'a> Batch<'a> {
         }
         report_plan(&stats);
         let left = jobs.max_memory_bytes().saturating_sub(ready.memory_bytes());
-        let watch = &mut self.watch;
+        let (watch, viewer) = (&mut self.watch, self.viewer.as_mut());
         std::thread::scope(|scope| {
             let loader = next
                 .map(|next| scope.spawn(move || jobs.prepare(frames[next], left, Lane::Loader)));
-            let end = frame::render(&ready, &mut stats, watch, args, place, jobs.trace());
+            let end = frame::render(
+                &ready,
+                &mut stats,
+                (watch, viewer),
+                args,
+                place,
+                jobs.trace(),
+            );
             // A panic there is a bug: it ends the program here as it would have without a thread.
             let loaded = loader.map(|thread| match thread.join() {
                 Ok(job) => job,

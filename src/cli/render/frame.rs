@@ -9,6 +9,7 @@ use majorant::render::{Frame, Progress};
 
 use super::job::Ready;
 use super::summary::{summarise, warn_of_trouble};
+use super::viewer::Viewer;
 use super::watch::{Cause, Interruption, Watch};
 use super::work::Work;
 use crate::cli::args::RenderArgs;
@@ -37,7 +38,7 @@ pub(super) enum End {
 pub(super) fn render(
     ready: &Ready,
     stats: &mut Stats,
-    watch: &mut Watch,
+    (watch, mut viewer): (&mut Watch, Option<&mut Viewer>),
     args: &RenderArgs,
     place: Place,
     trace: Option<&Trace>,
@@ -88,6 +89,9 @@ pub(super) fn render(
             step = next_step(step, pass_begin.elapsed());
         }
         preview.after_pass(&work);
+        if let Some(viewer) = &mut viewer {
+            viewer.show_sometimes(&ready.outputs.image, || work.state.film());
+        }
         if progress.shows_error() && error_at.elapsed() > ERROR_INTERVAL {
             error_at = Instant::now();
             let [a, b] = frame.noise(&work.state);
@@ -117,6 +121,9 @@ pub(super) fn render(
     let film = work.state.film();
     drop(work);
     (stats.image_mean, stats.image_standard_error) = film.mean();
+    if let Some(viewer) = viewer {
+        viewer.show(&ready.outputs.image, &film);
+    }
     let write_begin = Instant::now();
     write(ready, &film, stats)?;
     span("write", write_begin);

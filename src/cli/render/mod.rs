@@ -4,6 +4,7 @@
 //! * `job`: one frame from its number to a loaded scene; `targets`: the files it becomes.
 //! * `batch`: frame after frame, the next one loading while one renders.
 //! * `frame`, `work`, `watch`: one frame pass by pass, its checkpoint, and what interrupts it.
+//! * `viewer`: the image on a screen while it converges.
 //! * `dry_run`, `stages`, `summary`: what is said.
 
 mod batch;
@@ -15,6 +16,7 @@ mod overrides;
 mod stages;
 mod summary;
 mod targets;
+mod viewer;
 mod watch;
 mod work;
 

@@ -50,7 +50,7 @@ impl Stages {
 
     /// Everything of `total`, from the frame's start to its first ray, that was not building counts
     /// as loading.
-    pub(super) fn write_to(&self, stats: &mut Stats, total: Lap) {
+    pub(in crate::cli) fn write_to(&self, stats: &mut Stats, total: Lap) {
         stats.seconds.read = Some(self.read.wall);
         stats.seconds.decode = Some(self.decode.wall);
         stats.seconds.build = Some(self.build.wall);
