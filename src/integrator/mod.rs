@@ -198,7 +198,7 @@ pub struct PathSample<R = Rgb> {
 
 impl PathSample<Parts> {
     /// Returns the sample without its parts.
-    pub fn whole(self) -> PathSample {
+    pub fn whole(&self) -> PathSample {
         PathSample {
             radiance: self.radiance.radiance,
             opacity: self.opacity,
@@ -240,10 +240,7 @@ impl Context<'_> {
                     first_collision,
                 } = analog::sample_radiance(self, ray, stream, counts);
                 PathSample {
-                    radiance: Parts {
-                        radiance,
-                        ..Parts::default()
-                    },
+                    radiance: Parts::unsorted(radiance),
                     opacity,
                     first_collision,
                 }

@@ -54,7 +54,7 @@ pub(super) fn render(
         &ready.identity,
         size,
         ready.region,
-        &ready.scene.aovs,
+        &ready.scene.channels(),
         resume,
     );
     watch.begin_frame();
