@@ -1,130 +1,134 @@
 #!/usr/bin/env python3
-"""What each feature costs a scene that does not use it, in instructions.
+"""What features cost a scene that does not use them, in instructions.
 
-Takes a feature's code out of a copy of the source, by replacing text, builds that and counts the
-instructions of two scenes under callgrind, one thread, for 32 samples a pixel more than a few, so that
-loading does not count. A feature that costs nothing leaves the number as it is.
+Renders two scenes under callgrind, at few and at more samples a pixel, so that the difference is
+rendering alone. Each instruction of the program belongs to a line of source, and through inlining to
+the lines that call it: those of a feature's own code and of the questions whether it is there are
+summed up. Neither scene uses any of them, so what is counted is what the others pay. What a feature
+does to the compiler's choices elsewhere is not counted.
 
-    benches/feature_cost.py             all features, and all at once
-    benches/feature_cost.py emission    those whose name contains a word
+    cargo build --release && benches/feature_cost.py      one minute; prints a Markdown table
 
-A release build each, and a minute of callgrind. Needs valgrind. Prints rows of a Markdown table.
+Needs valgrind and addr2line.
 """
 
-import os
+import collections
 import pathlib
 import re
-import shutil
 import subprocess
-import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-TARGET = pathlib.Path(os.environ.get("CARGO_TARGET_DIR", ROOT / "target"))
+PROGRAM = ROOT / "target/release/majorant"
 SCENES = ["cloud", "smoke"]
-FEW, MORE = 4, 36
+FEW, MORE = 16, 80
 
-# name: (file, text that occurs there once, what takes its place)...
+# name: (files, what its lines say)...
 FEATURES = {
     "emission": [
-        ("src/integrator/emission.rs", "self.all.is_empty()\n", "true\n"),
+        ("src/integrator/(path|primary).rs", "emitters|Emission"),
+        ("src/integrator/emission.rs", ""),
     ],
     "several volumes": [
-        ("src/integrator/media.rs", "self.all.len() > 1", "false"),
+        ("src/integrator/path.rs", "are_several|nearer|except"),
+        ("src/integrator/media.rs", ""),
     ],
     "skies from images, lamps": [
-        (
-            "src/integrator/path.rs",
-            "let has_surroundings = lamps.is_some() || !lights.maps.is_empty();",
-            "let (has_surroundings, lamps) = (false, &None::<Lamps<'_>>);",
-        ),
-        ("src/integrator/path.rs", "if !lights.maps.is_empty() {", "if false {"),
-        ("src/integrator/primary.rs", "if !lights.local.is_empty() {", "if false {"),
+        ("src/integrator/(path|primary).rs", r"lamps|lamplight|has_surroundings|maps|lights\.local"),
+        ("src/integrator/surroundings.rs", ""),
     ],
-    "colours": [
-        ("src/medium.rs", "if self.medium.colour.is_none() {", "if true {"),
-        (
-            "src/integrator/primary.rs",
-            "chromatic::sample_radiance(context, ray, stream, counts)",
-            "analog(context, ray, stream, counts)",
-        ),
+    "colours of albedo and extinction": [
+        ("src/medium.rs", "colour"),
+        ("src/integrator/primary.rs", "Chromatic"),
+        ("src/(integrator|tracking)/chromatic.*", ""),
     ],
     "output variables": [
-        ("src/render.rs", "let path = if scene.aovs.is_empty() {", "let path = if true {"),
+        ("src/render.rs", "aovs|extent"),
+        ("src/integrator/parts.rs", "order|meet|split|each"),
     ],
-    "other phase functions": [
-        (
-            "src/phase/mod.rs",
-            "    pub fn eval(self, cos_theta: f64) -> f32 {\n        match self {",
-            "    pub fn eval(self, cos_theta: f64) -> f32 {\n"
-            "        if let Self::HenyeyGreenstein { g } = self {\n"
-            "            return eval_henyey_greenstein(g, 1.0 - cos_theta);\n"
-            "        }\n"
-            "        return 0.0;\n"
-            "        #[allow(unreachable_code)]\n"
-            "        match self {",
-        ),
-        (
-            "src/phase/mod.rs",
-            "_ => self.sample_lobe(stream.uniform(), stream.uniform_positive()),",
-            "_ => 0.0,",
-        ),
-    ],
+    "other phase functions": [("src/phase/mod.rs", "match self|sample_lobe")],
 }
 
 
-def build(patches):
-    """Returns the program built from a copy of the source with `patches`."""
-    # Always the same folder, or cargo would keep each; times of change are new.
-    copy = TARGET / "feature-cost"
-    shutil.rmtree(copy, ignore_errors=True)
-    copy.mkdir(parents=True)
-    for name in ["Cargo.toml", "Cargo.lock", "README.md"]:
-        shutil.copy(ROOT / name, copy)
-    for name in ["src", "benches", "examples", "tests"]:
-        shutil.copytree(ROOT / name, copy / name, copy_function=shutil.copy)
-    for path, find, put in patches:
-        text = (copy / path).read_text()
-        if text.count(find) != 1:
-            sys.exit(f"{path}: {text.count(find)} times: {find}")
-        (copy / path).write_text(text.replace(find, put))
-    env = os.environ | {"CARGO_TARGET_DIR": str(TARGET)}
-    command = ["cargo", "build", "--release", "--bin", "majorant", "--quiet"]
-    subprocess.run(command, cwd=copy, env=env, check=True)
-    program = copy / "majorant"
-    shutil.copy(TARGET / "release/majorant", program)
-    return program
+def instructions(scene, spp, folder):
+    """Returns how many instructions are at which address of the program, and of all together."""
+    out = f"{folder}/callgrind"
+    command = ["valgrind", "--tool=callgrind", "--dump-instr=yes", f"--callgrind-out-file={out}"]
+    command += [PROGRAM, "render", ROOT / f"data/scenes/{scene}.toml", "-q", "-j", "1"]
+    command += ["-r", "32x18", "--spp", str(spp), "-o", f"{folder}/image.exr"]
+    subprocess.run(command, capture_output=True, check=True)
+    names, counts, total = {}, collections.Counter(), 0
+    is_program, is_call, address = False, False, 0
+    for row in open(out):
+        if found := re.match(r"ob=\((\d+)\)(?: (.*))?$", row):
+            names.setdefault(found[1], found[2])
+            is_program = names[found[1]] == str(PROGRAM)
+        elif found := re.match(r"cob=\((\d+)\) (.*)$", row):
+            names.setdefault(found[1], found[2])
+        elif row.startswith("calls="):
+            is_call = True
+        elif found := re.match(r"(0x[0-9a-f]+|[+-]\d+|\*) \S+ (\d+)$", row):
+            if found[1].startswith("0x"):
+                address = int(found[1], 16)
+            elif found[1] != "*":
+                address += int(found[1])
+            # The row after a call counts what was called: it is counted where it is.
+            if not is_call:
+                total += int(found[2])
+                if is_program:
+                    counts[address] += int(found[2])
+            is_call = False
+    return counts, total
 
 
-def instructions(program, scene):
-    """Returns how many it takes for the samples between FEW and MORE."""
-    counts = []
-    for spp in [FEW, MORE]:
-        with tempfile.TemporaryDirectory() as folder:
-            command = ["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null"]
-            command += [program, "render", ROOT / f"data/scenes/{scene}.toml", "-q", "-j", "1"]
-            command += ["-r", "64x36", "--spp", str(spp), "-o", f"{folder}/image.exr"]
-            log = subprocess.run(command, capture_output=True, text=True, check=True).stderr
-            counts.append(int(re.search(r"Collected : (\d+)", log)[1]))
-    return counts[1] - counts[0]
+def lines_of(addresses):
+    """Returns the lines of source of each address: its own, and those it is inlined into."""
+    command = ["addr2line", "-e", PROGRAM, "-a", "-i"]
+    asked = "\n".join(map(hex, addresses))
+    text = subprocess.run(command, input=asked, capture_output=True, text=True, check=True).stdout
+    lines, address = collections.defaultdict(set), 0
+    for row in text.splitlines():
+        if row.startswith("0x"):
+            address = int(row, 16)
+        elif (found := re.search(r"(src/[\w/]+\.rs):(\d+)", row)) and str(ROOT) in row:
+            lines[address].add((found[1], int(found[2])))
+    return lines
+
+
+def features_of(lines):
+    """Returns the features that lines are about."""
+    texts = [(path, (ROOT / path).read_text().splitlines()[n - 1]) for path, n in lines if n > 0]
+    return {
+        name
+        for name, places in FEATURES.items()
+        for files, words in places
+        for path, text in texts
+        if re.fullmatch(files, path) and re.search(words, text)
+    }
 
 
 def main():
-    words = sys.argv[1:]
-    variants = {"nothing": [], "all of these": sum(FEATURES.values(), [])} | FEATURES
-    base = {}
-    print("| without | " + " | ".join(f"{s}: M instructions | %" for s in SCENES) + " |")
+    found = {}
+    for scene in SCENES:
+        with tempfile.TemporaryDirectory() as folder:
+            few, few_total = instructions(scene, FEW, folder)
+            counts, total = instructions(scene, MORE, folder)
+        counts.subtract(few)
+        total -= few_total
+        lines = lines_of(sorted(counts))
+        sums = collections.Counter()
+        for address, count in counts.items():
+            for name in features_of(lines[address]):
+                sums[name] += count
+        found[scene] = (sums, total)
+    print("| feature | " + " | ".join(f"{s}: M instructions | %" for s in SCENES) + " |")
     print("|---" * (1 + 2 * len(SCENES)) + "|")
-    for name, patches in variants.items():
-        if patches and words and not any(word in name for word in words):
-            continue
-        program = build(patches)
-        row = [name]
-        for scene in SCENES:
-            count = instructions(program, scene)
-            base.setdefault(scene, count)
-            row += [f"{count / 1e6:,.1f}", f"{100 * (count / base[scene] - 1):+.2f}"]
-        print("| " + " | ".join(row) + " |", flush=True)
+    rows = {name: [found[scene][0][name] for scene in SCENES] for name in FEATURES}
+    rows["all of the render"] = [found[scene][1] for scene in SCENES]
+    for name, counts in rows.items():
+        cells = zip(counts, SCENES)
+        cells = [f"{n / 1e6:,.2f} | {100 * n / found[scene][1]:.2f}" for n, scene in cells]
+        print(f"| {name} | " + " | ".join(cells) + " |")
 
 
 main()

@@ -35,11 +35,14 @@ bugs=(
     'sky met and sampled in full @@ src/integrator/surroundings.rs @@ radiance * (phase / (phase + pdf)) @@ radiance @@ -'
     'equiangular light in full @@ src/integrator/surroundings.rs @@ probability * (equiangular.pdf(t) + flight) @@ probability * equiangular.pdf(t) @@ -'
     'sphere of half its solid angle @@ src/light/local.rs @@ (2.0 * PI * one_minus_cos) as f32 @@ (PI * one_minus_cos) as f32 @@ -'
-    'null collisions of one colour @@ src/tracking/chromatic.rs @@ (1.0 - tint * part) * scale @@ (1.0 - part) * scale @@ -'
+    'null collisions of one colour @@ src/tracking/chromatic/flight.rs @@ (1.0 - tint * part) * scale @@ (1.0 - part) * scale @@ -'
     'other media let all light through @@ src/integrator/media.rs @@ except != Some(index) && weight > 0.0 @@ except.is_none() && weight > 0.0 @@ -'
     'the last medium collides first @@ src/integrator/media.rs @@ t_max = t; @@ @@ -'
     'light of media found twice @@ src/integrator/emission.rs @@ 1.0 - emitter.light_weight(p, (t, phase)) @@ 1.0 @@ -'
     'light of media by another density @@ src/emission/lattice.rs @@ self.fine.weights[index] * self.density_per_weight; @@ self.fine.weights[index] * self.density_per_weight * 1.1; @@ -'
+    'colours of a flight forgotten @@ src/integrator/emission.rs @@ medium.emitted(p) * through * (length * weight) @@ medium.emitted(p) * (length * weight) @@ -'
+    'settled segments of one colour @@ src/tracking/chromatic/flight.rs @@ None => attenuate(tint, depth), @@ None => Rgb::WHITE, @@ -'
+    'a lamp in the group of another @@ src/integrator/parts.rs @@ Source::Lamp(i) => *skies + i, @@ Source::Lamp(_) => *skies, @@ -'
     'points along rays start at the first @@ src/emission/lattice.rs @@ f64::from(spacing) * f64::from(u); @@ f64::from(spacing) * f64::from(u) * 0.9; @@ -'
     'black bodies of another colour @@ src/blackbody.rs @@ const STEP: f64 = 5e-9; @@ const STEP: f64 = 5.1e-9; @@ -'
     'samples share a stream @@ src/sampling.rs @@ mix(hash ^ sample.wrapping_add(GOLDEN)) @@ mix(hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
@@ -75,7 +78,7 @@ put_copy() { # bug, or nothing
 }
 run_tests() {
     put_copy "$@"
-    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties --test phase_functions --test skies --test lights --test chromatic 2>&1)
+    (cd "$copy" && cargo test --no-fail-fast --lib --test free_flight --test transport --test primary --test grid_properties --test phase_functions --test skies --test lights --test chromatic --test superposition --test emission --test emission_oracles --test aovs 2>&1)
 }
 # Debug assertions are off, as for users. A check that does not end in ten minutes counts as failed.
 run_rows() { # checks, bug or nothing
