@@ -26,7 +26,7 @@
 //! to the minimum, which keeps every factor at most 1 where there are many. The middle of the
 //! range would be a disaster: its factors reach 2 and the second moment grows as the exponential
 //! of the optical depth. In the smoke of `data/`, at a mean depth of 64, the standard deviation of
-//! an estimate is 17,000 with it and 0.017 with Novák's (`tests/estimator_variance.rs`).
+//! an estimate is 17,000 with it and 0.017 with Novák's (`tests/estimators/estimator_variance.rs`).
 //!
 //! *Auto* is residual ratio tracking, but exact in segments where collisions would be closer
 //! together than [`EXACT_COLLISIONS_PER_VOXEL`] to a voxel: more work buys nothing there.

@@ -8,13 +8,11 @@
 
 #![allow(clippy::print_stdout, reason = "what a test can see is printed")]
 
-mod agreement;
-
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use agreement::agree;
+use crate::agreement::agree;
 use glam::{DAffine3, DVec3, IVec3};
 use majorant::camera::Camera;
 use majorant::field::Field;

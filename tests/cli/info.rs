@@ -1,8 +1,6 @@
 //! `majorant info` and `majorant probe`, run as a program, against what OpenVDB reads.
 
-mod cli_support;
-
-use cli_support::{Folder, code, fixture, majorant, stderr, stdout};
+use crate::support::{Folder, code, fixture, majorant, stderr, stdout};
 use serde_json::{Value, json};
 
 fn path(name: &str) -> String {
@@ -113,7 +111,7 @@ fn info_goes_on_after_a_bad_file() {
     assert_eq!(code, 3);
     assert_eq!(json["files"].as_array().unwrap().len(), 1);
     let run = majorant(&["info", &bad, "nowhere.vdb", &path("xf_affine.vdb")]);
-    assert_eq!(cli_support::code(&run), 3);
+    assert_eq!(crate::support::code(&run), 3);
     assert!(stderr(&run).contains("bad.vdb") && stderr(&run).contains("nowhere.vdb"));
     assert!(
         stdout(&run).contains("density: float, fog volume"),

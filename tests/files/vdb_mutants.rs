@@ -7,7 +7,7 @@
 //! ```text
 //! cargo build --release --example vdb_load
 //! MAJORANT_VDB_LOAD=target/release/examples/vdb_load \
-//!     cargo test --test vdb_mutants -- --ignored --nocapture
+//!     cargo test --test files vdb_mutants -- --ignored --nocapture
 //! ```
 //!
 //! `MAJORANT_MUTANTS` asks for another number than 2,000. A mutant that fails is kept in
@@ -16,8 +16,6 @@
 
 #![expect(clippy::print_stdout, reason = "the counts are for people")]
 
-mod vdb_support;
-
 use std::fmt::Write;
 use std::fs;
 use std::os::unix::process::ExitStatusExt;
@@ -25,9 +23,9 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
+use crate::vdb_support::{in_crate, vdb_files};
 use rand_core::{Rng, SeedableRng};
 use rand_pcg::Pcg64Mcg;
-use vdb_support::{in_crate, vdb_files};
 
 const ADDRESS_SPACE_KIB: u64 = 2 << 20;
 const TIME_LIMIT: Duration = Duration::from_secs(20);

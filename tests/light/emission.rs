@@ -10,12 +10,10 @@
 
 #![allow(clippy::print_stdout, reason = "what a test can see is printed")]
 
-mod agreement;
-
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-use agreement::agree;
+use crate::agreement::agree;
 use glam::{DAffine3, DVec3, IVec3};
 use majorant::blackbody::{Brightness, radiance};
 use majorant::camera::Camera;

@@ -16,10 +16,9 @@
     reason = "small numbers; what a test can see is printed"
 )]
 
-mod support;
-
 use std::sync::Arc;
 
+use crate::support::{chi_square_p, integrate, moments};
 use glam::{DVec3, IVec3};
 use majorant::grid::{DensityGrid, Tree, TreeBuilder};
 use majorant::medium::Medium;
@@ -30,7 +29,6 @@ use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
 use majorant::stats::Counts;
 use majorant::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
-use support::{chi_square_p, integrate, moments};
 
 const FLIGHTS: usize = 1 << 20;
 const CELLS: usize = 64;

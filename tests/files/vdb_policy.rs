@@ -1,11 +1,9 @@
 //! Small files made in the test: what versions, names, maps and values are taken, and what the
 //! voxel policy and the memory limit do.
 
-mod vdb_support;
-
+use crate::vdb_support::writer::Writer;
 use glam::{DVec3, IVec3};
 use majorant::vdb::{Archive, Grid, LoadOptions, Place, Refusal, TypedGrid, VdbError};
-use vdb_support::writer::Writer;
 
 fn open(w: &Writer) -> Archive {
     Archive::from_bytes("test.vdb", w.file()).unwrap_or_else(|e| panic!("{e}"))

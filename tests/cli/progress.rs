@@ -1,11 +1,9 @@
 //! What `majorant render` says while it renders, to people, farms and files; and the commands
 //! around it: compare, completions, man.
 
-mod cli_support;
-
 use std::process::Command;
 
-use cli_support::{Folder, code, fixture, majorant, stderr, stdout};
+use crate::support::{Folder, code, fixture, majorant, stderr, stdout};
 
 /// A scene that takes a moment: `spp` samples of 24 by 18 pixels.
 fn scene(folder: &Folder, spp: u32) -> String {

@@ -7,15 +7,13 @@
     reason = "small numbers; what a test can see is printed"
 )]
 
-mod support;
-
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
+use crate::support::chi_square_p;
 use glam::DVec3;
 use majorant::light::{EnvironmentMap, Orientation};
 use majorant::sampling::{Stream, StreamKey};
 use majorant::spectrum::Rgb;
-use support::chi_square_p;
 
 /// A map whose texels are what `of` makes of the direction to their centre, in the map's frame.
 fn map(

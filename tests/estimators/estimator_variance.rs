@@ -21,12 +21,11 @@
     reason = "small numbers; what a test can see is printed"
 )]
 
-mod support;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
 
+use crate::support::{integrate, trilinear};
 use glam::{DVec3, IVec3};
 use majorant::grid::{DensityGrid, Tree};
 use majorant::medium::Medium;
@@ -37,7 +36,6 @@ use majorant::spectrum::Rgb;
 use majorant::stats::Counts;
 use majorant::tracking::{BoundsKind, Tracking, TransmittanceEstimator};
 use majorant::vdb::{Archive, LoadOptions};
-use support::{integrate, trilinear};
 
 const RAYS: usize = 64;
 const REPETITIONS: usize = 1500;
@@ -342,7 +340,7 @@ fn measure(asset: &Asset, k: f64, tracking: &Tracking, predicted: &[Prediction])
             f64::from(estimate)
         });
         let weights: Vec<f64> = weights.collect();
-        let (m, v, fourth) = support::moments(&weights);
+        let (m, v, fourth) = crate::support::moments(&weights);
         mean += m;
         expected += p.transmittance;
         error2 += v / n;

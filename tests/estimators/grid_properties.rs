@@ -11,15 +11,14 @@
     reason = "small numbers; what a test can see is printed"
 )]
 
-#[path = "support/mod.rs"]
-mod support;
+use crate::support::integrate;
+use std::ops::ControlFlow;
 
 use glam::{DAffine3, DVec3, IVec3};
 use majorant::grid::{Bound, Cells, DensityGrid, Segment, Tree, TreeBuilder, VoxelWalk};
 use majorant::space::IndexTransform;
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
-use support::integrate;
 
 const NO_LIMIT: usize = usize::MAX;
 
@@ -229,6 +228,39 @@ proptest! {
                 if slivers < 1e-3 {
                     prop_assert!((a.0 - b.0).abs() <= slivers + 1e-9, "lengths {a:?} and {b:?} after {s:?}");
                     prop_assert!((a.1 - b.1).abs() <= 100.0 * slivers + 1e-7, "depths {a:?} and {b:?} after {s:?}");
+                }
+            }
+        }
+    }
+
+    /// What is decided by a cell's bounds is what its value decides, at thresholds that are values, next
+    /// to them, and between; and some values of blocks need not be read for it.
+    #[test]
+    fn decisions_by_bounds_are_those_by_values(recipe in recipe(), (start, d) in rays(), seed in any::<u64>()) {
+        let grid = grid(build(&recipe));
+        let o = recipe.base.as_dvec3() + start;
+        let blocks = grid.blocks(0.0);
+        for cells in [Cells::Bricks, Cells::Whole, Cells::Blocks(&blocks)] {
+            let mut walk = grid.traverse_cells(o, d, 1e4, cells);
+            let mut sampler = grid.sampler();
+            let mut bits = seed;
+            for _ in 0..20 {
+                let Some(s) = walk.next() else { break };
+                for k in 0..8 {
+                    bits = bits.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    let t = s.t0 + (s.t1 - s.t0) * f64::from(k) / 8.0;
+                    let value = sampler.stochastic_at(&walk, t, bits);
+                    let Bound { min, max, .. } = s.bound;
+                    for threshold in [min, max, value, value.next_down(), value.next_up(), 0.5 * (min + max)] {
+                        let accepts = |v: f32| threshold <= v;
+                        match sampler.stochastic_decision(&walk, t, bits, accepts) {
+                            ControlFlow::Break(decided) => {
+                                prop_assert!(!matches!(cells, Cells::Bricks), "a brick's own bounds are known");
+                                prop_assert_eq!(decided, accepts(value), "{} at {}", value, t);
+                            }
+                            ControlFlow::Continue(read) => prop_assert_eq!(read, value),
+                        }
+                    }
                 }
             }
         }

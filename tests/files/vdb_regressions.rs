@@ -4,11 +4,9 @@
 
 #![expect(clippy::print_stdout, reason = "the messages are for people")]
 
-mod vdb_support;
-
+use crate::vdb_support::writer::Writer;
+use crate::vdb_support::{in_crate, vdb_files};
 use majorant::vdb::{Archive, LoadOptions, VdbError};
-use vdb_support::writer::Writer;
-use vdb_support::{in_crate, vdb_files};
 
 /// Loads every grid both ways; the limit is what a test machine has to spare.
 fn load_all(path: &std::path::Path) -> Result<usize, VdbError> {

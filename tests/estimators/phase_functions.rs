@@ -6,14 +6,12 @@
 
 #![allow(clippy::print_stdout, reason = "what a test can see is printed")]
 
-mod support;
-
 use std::f64::consts::TAU;
 
+use crate::support::chi_square_p;
 use glam::DVec3;
 use majorant::phase::{Droplets, Phase};
 use majorant::sampling::{Stream, StreamKey};
-use support::chi_square_p;
 
 /// Phase functions by name, extremes among them.
 fn phases() -> Vec<(String, Phase)> {

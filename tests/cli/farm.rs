@@ -1,13 +1,11 @@
 //! `majorant farm` with real engines, where they are installed: what a farm renders is what this
 //! machine renders.
 
-mod cli_support;
-
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-use cli_support::{Folder, code, fixture, majorant, stderr};
+use crate::support::{Folder, code, fixture, majorant, stderr};
 
 const PROGRAM: &str = env!("CARGO_BIN_EXE_majorant");
 

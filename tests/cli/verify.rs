@@ -1,8 +1,6 @@
 //! `majorant verify`: what it prints, and its exit codes.
 
-mod cli_support;
-
-use cli_support::{code, majorant, stderr, stdout};
+use crate::support::{code, majorant, stderr, stdout};
 use serde_json::Value;
 
 #[test]

@@ -1,12 +1,10 @@
 //! `majorant converge`, run as a program: files, exit codes, interruption and resumption.
 
-mod cli_support;
-
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-use cli_support::{Folder, code, fixture, majorant, stderr};
+use crate::support::{Folder, code, fixture, majorant, stderr};
 use serde_json::Value;
 
 const SETTINGS: [&str; 10] = [

@@ -6,13 +6,11 @@
 
 #![expect(clippy::print_stdout, reason = "the table is for people")]
 
-mod vdb_support;
-
 use std::path::{Path, PathBuf};
 
+use crate::vdb_support::oracle::{Outcome, compare_file};
+use crate::vdb_support::{in_crate, vdb_files};
 use majorant::vdb::{Archive, GridInfo, LoadOptions};
-use vdb_support::oracle::{Outcome, compare_file};
-use vdb_support::{in_crate, vdb_files};
 
 /// Compares all files, prints the table and fails if anything is wrong.
 fn compare_all(title: &str, files: &[PathBuf]) -> usize {

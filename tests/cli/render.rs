@@ -1,10 +1,8 @@
 //! `majorant render`, run as a program: exit codes, files and what is in them.
 
-mod cli_support;
-
 use std::path::Path;
 
-use cli_support::{Folder, code, fixture, majorant, stderr, stdout};
+use crate::support::{Folder, code, fixture, majorant, stderr, stdout};
 use exr::prelude::{ReadChannels as _, ReadLayers as _};
 
 /// A small scene of a fixture: 16 x 9 pixels, 4 samples.

@@ -214,10 +214,8 @@ fn what_is_emitted_comes_out_of_gray_media_that_do_not_absorb() {
         ("by chance", 4.0, 0.6, by_chance, (20, 0.1)),
         ("analog", 1.0, 0.0, analog, (20, 0.1)),
     ] {
-        let t = std::time::Instant::now();
         let media = [white(sigma_t, g).glowing(glow(FIRE))];
         comes_out(what, &media, settings, effort);
-        println!("  {what} {:?}", t.elapsed());
     }
 }
 
@@ -256,9 +254,7 @@ fn what_is_emitted_comes_out_of_several_media_and_of_dyed_ones() {
         ("by chance", &[clear.glowing(glow(FIRE))], by_chance),
         ("two, one of them dyed", &two_dyed, settings),
     ] {
-        let t = std::time::Instant::now();
         comes_out(what, media, settings, (19, 0.1));
-        println!("  {what} {:?}", t.elapsed());
     }
 }
 

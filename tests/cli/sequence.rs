@@ -1,12 +1,10 @@
 //! `majorant render` of sequences, run as a program: which frames come out, whatever happens.
 
-mod cli_support;
-
 use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use cli_support::{Folder, code, fixture, majorant, stderr, stdout};
+use crate::support::{Folder, code, fixture, majorant, stderr, stdout};
 
 /// A sequence of five frames, 20 to 24: links to one small volume, with a camera that moves.
 struct Sequence {

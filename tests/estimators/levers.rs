@@ -242,7 +242,7 @@ fn slow_sun_and_sky_parts() {
 
 /// Prints what each lever is worth: the efficiency `1 / (relMSE · CPU s)` without it over that
 /// with all of them. Run it in a release build, with one thread, on scene files of your own:
-/// `LEVER_SCENES=a.toml,b.toml RAYON_NUM_THREADS=1 cargo test --release --test levers -- --ignored
+/// `LEVER_SCENES=a.toml,b.toml RAYON_NUM_THREADS=1 cargo test --release --test estimators levers -- --ignored
 /// --nocapture table`.
 #[test]
 #[ignore = "measures, minutes"]
