@@ -266,6 +266,7 @@ impl Vertex<'_, '_> {
     ///
     /// `worth` is what a contribution of 1 is expected to be worth in shadow rays: below 1, the
     /// ray is traced with that probability. On its way, roulette goes on by the same measure.
+    #[inline] // bench: frame
     fn direct_light(
         &self,
         sun: &DistantLight,
