@@ -3,6 +3,7 @@
 //! What the tracking above sees of it is two things: segments of constant bound along a ray,
 //! and the extinction at a point of the current segment. Voxels and index space end here.
 
+use std::ops::ControlFlow;
 use std::sync::Arc;
 
 use crate::emission::{Emission, Glow};
@@ -545,6 +546,23 @@ impl<'a> MediumRay<'a> {
     #[inline] // bench: frame
     pub fn estimate_sigma_t(&mut self, t: f64, bits: u64) -> f32 {
         self.sampler.stochastic_at(&self.traversal, t, bits) * self.medium.sigma_t_per_density
+    }
+
+    /// Decides by `accepts`, true of all extinctions from some value on, on that estimate: breaks
+    /// where it need not be known for that, and returns it else.
+    #[inline] // bench: frame
+    pub fn decide_by_sigma_t(
+        &mut self,
+        t: f64,
+        bits: u64,
+        accepts: impl Fn(f32) -> bool,
+    ) -> ControlFlow<bool, f32> {
+        let scale = self.medium.sigma_t_per_density;
+        // Products round monotonically: what holds of a cell's bounds holds of its values.
+        let accepts = |value: f32| accepts(value * scale);
+        self.sampler
+            .stochastic_decision(&self.traversal, t, bits, accepts)
+            .map_continue(|value| value * scale)
     }
 
     /// Returns the trilinear extinction at `t` in the current segment.

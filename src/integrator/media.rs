@@ -108,7 +108,8 @@ impl<'a> Media<'a> {
                 continue;
             }
             let mut walk = tracking.start_path(medium, ray, t_max);
-            if let Some(t) = tracking.next_collision(&mut walk, stream, counts) {
+            let depth = stream.exponential();
+            if let Some(t) = tracking.next_collision(&mut walk, depth, stream, counts) {
                 t_max = t;
                 nearest = Some(Met { index, walk, t });
             }

@@ -22,7 +22,7 @@ use super::surroundings::{Event, Flight, Lamps, meet_maps};
 use super::{Context, Levers};
 use crate::light::DistantLight;
 use crate::medium::MediumRay;
-use crate::sampling::Stream;
+use crate::sampling::{Number, Stream};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
@@ -201,9 +201,14 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                 radiance.add(light, bounces + 1, Source::Lamp(lamp));
             }
         }
+        let depth = if bounces == 1 {
+            stream.exponential_of(Number::ScatteredDepth)
+        } else {
+            stream.exponential()
+        };
         let further = media
             .tracking(index)
-            .next_collision(&mut walk, stream, counts);
+            .next_collision(&mut walk, depth, stream, counts);
         if media.are_several() || !emitters.is_empty() || lamps.is_some() {
             let ray = ray_from(&walk, 0.0, direction);
             let mut end = further.unwrap_or(f64::INFINITY);

@@ -27,6 +27,12 @@ pub struct Collision {
 
 /// What an estimator does along the way.
 pub trait Visitor {
+    /// Draws the optical depth to the next tentative collision, an exponential number of mean 1.
+    #[inline] // bench: frame
+    fn depth(&mut self, stream: &mut Stream) -> f32 {
+        stream.exponential()
+    }
+
     /// Enters a segment and returns the rate at which to draw collisions in it.
     ///
     /// A visitor that settles the segment by itself, in closed form or cell by cell, returns 0.
@@ -64,8 +70,19 @@ pub fn walk<V: Visitor>(
     counts: &mut Counts,
     visitor: &mut V,
 ) {
-    // Optical depth, at the segments' rates, to the next collision.
-    let mut depth = stream.exponential();
+    let depth = visitor.depth(stream);
+    walk_from(depth, ray, stream, counts, visitor);
+}
+
+/// As [`walk`], where `depth` is the optical depth, at the segments' rates, to the first collision.
+#[inline] // bench: frame
+pub(super) fn walk_from<V: Visitor>(
+    mut depth: f32,
+    ray: &mut MediumRay<'_>,
+    stream: &mut Stream,
+    counts: &mut Counts,
+    visitor: &mut V,
+) {
     while let Some(segment) = ray.next_segment() {
         counts.segments += 1;
         let ControlFlow::Continue(rate) = visitor.enter(ray, &segment, &mut depth, stream, counts)
@@ -81,7 +98,7 @@ pub fn walk<V: Visitor>(
             }
             // Rounding may carry the sum past the end, where another bound holds.
             t = (t + f64::from(depth / rate)).min(segment.t1);
-            depth = stream.exponential();
+            depth = visitor.depth(stream);
             counts.tentative_collisions += 1;
             let collision = Collision { t, rate };
             if visitor
@@ -104,8 +121,30 @@ pub(super) fn look_up(
     stream: &mut Stream,
     counts: &mut Counts,
 ) -> f32 {
-    counts.lookups += 1;
     let sigma_t = ray.estimate_sigma_t(t, stream.bits());
+    looked_up(sigma_t, segment, counts)
+}
+
+/// Returns whether what [`look_up`] returns is `threshold` or more; looks only where the bounds of
+/// the voxel's own cell leave that open.
+#[inline] // bench: frame
+pub(super) fn reaches(
+    ray: &mut MediumRay<'_>,
+    segment: &BoundSegment,
+    (t, threshold): (f64, f32),
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> bool {
+    match ray.decide_by_sigma_t(t, stream.bits(), |sigma_t| threshold <= sigma_t) {
+        ControlFlow::Break(accepted) => accepted,
+        ControlFlow::Continue(sigma_t) => threshold <= looked_up(sigma_t, segment, counts),
+    }
+}
+
+/// Counts a lookup, and a value that is not within its bounds.
+#[inline] // bench: frame
+fn looked_up(sigma_t: f32, segment: &BoundSegment, counts: &mut Counts) -> f32 {
+    counts.lookups += 1;
     let BoundSegment {
         sigma_min,
         sigma_maj,

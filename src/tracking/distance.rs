@@ -30,7 +30,7 @@
 
 use std::ops::ControlFlow;
 
-use super::collision::{Collision, Visitor, look_up, walk};
+use super::collision::{Collision, Visitor, reaches, walk_from};
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
 use crate::stats::Counts;
@@ -105,7 +105,7 @@ impl Visitor for Flight {
         let threshold = stream.uniform_positive() * rate;
         let known = self.decompose || segment.is_homogeneous();
         if (known && threshold <= segment.sigma_min)
-            || threshold <= look_up(ray, segment, t, stream, counts)
+            || reaches(ray, segment, (t, threshold), stream, counts)
         {
             self.accepted = Some(t);
             counts.real_collisions += 1;
@@ -118,9 +118,11 @@ impl Visitor for Flight {
 
 impl FreeFlight {
     /// Draws the world distance of the next collision; `None` if the ray leaves the medium.
+    /// `depth` is an exponential number, to be used up by the first tentative collision.
     #[inline] // bench: frame
     pub(super) fn sample(
         self,
+        depth: f32,
         ray: &mut MediumRay<'_>,
         stream: &mut Stream,
         counts: &mut Counts,
@@ -131,7 +133,7 @@ impl FreeFlight {
             exact_above: self.exact_above * ray.voxels_per_length(),
             accepted: None,
         };
-        walk(ray, stream, counts, &mut visitor);
+        walk_from(depth, ray, stream, counts, &mut visitor);
         visitor.accepted
     }
 }

@@ -28,7 +28,7 @@ use std::ops::ControlFlow;
 use super::collision::{Collision, Visitor, look_up, optical_depth, walk};
 use super::distance::EXACT_COLLISIONS_PER_VOXEL;
 use crate::medium::{BoundSegment, MediumRay};
-use crate::sampling::Stream;
+use crate::sampling::{Number, Stream};
 use crate::stats::Counts;
 
 /// Tentative collisions for each unit of the bound, at least. Noise of a smoke's image at 1, 2, 4
@@ -63,7 +63,13 @@ pub(super) struct Expected {
     pub(super) number: f32,
     /// Where the distance estimator takes over.
     pub(super) rest_from: Option<f64>,
+    /// Depths that have been drawn.
+    pub(super) depth_count: usize,
 }
+
+/// The first depths have numbers of their own: 16 samples of a smoke's image have 12 % less noise
+/// for it.
+const DEPTHS: [Number; 3] = [Number::FirstDepth, Number::SecondDepth, Number::ThirdDepth];
 
 impl Expected {
     /// Takes a collision of weight `w` at `t`.
@@ -112,6 +118,15 @@ impl Expected {
 }
 
 impl Visitor for Expected {
+    #[inline] // bench: frame
+    fn depth(&mut self, stream: &mut Stream) -> f32 {
+        let Some(&number) = DEPTHS.get(self.depth_count) else {
+            return stream.exponential();
+        };
+        self.depth_count += 1;
+        stream.exponential_of(number)
+    }
+
     #[inline] // bench: frame
     fn enter(
         &mut self,

@@ -148,7 +148,8 @@ impl Tracking {
         counts: &mut Counts,
     ) -> Option<f64> {
         let mut ray = medium.ray_over(ray, t_max, self.flight_segments());
-        self.next_collision(&mut ray, stream, counts)
+        let depth = stream.exponential();
+        self.next_collision(&mut ray, depth, stream, counts)
     }
 
     /// Prepares the flights of a path that starts with `ray`, the first of them up to `t_max`.
@@ -158,11 +159,13 @@ impl Tracking {
     }
 
     /// As [`sample_collision`](Self::sample_collision), on a walk that
-    /// [`start_path`](Self::start_path) has made and that may have turned since.
+    /// [`start_path`](Self::start_path) has made and that may have turned since. `depth` is an
+    /// exponential number of mean 1, which decides on the first tentative collision.
     #[inline] // bench: frame
     pub fn next_collision(
         &self,
         ray: &mut MediumRay<'_>,
+        depth: f32,
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Option<f64> {
@@ -177,7 +180,7 @@ impl Tracking {
             decompose,
             exact_above,
         };
-        flight.sample(ray, stream, counts)
+        flight.sample(depth, ray, stream, counts)
     }
 
     /// Returns the transmittance of the whole ray, estimated, and a collision that stands for the
@@ -206,6 +209,7 @@ impl Tracking {
             chosen: None,
             number,
             rest_from: None,
+            depth_count: 0,
         };
         let segments = self.start_path(medium, ray, f64::INFINITY);
         walk.walk(segments, stream, counts);
