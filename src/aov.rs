@@ -59,8 +59,9 @@ impl Aov {
         }
     }
 
-    /// Returns the channels it is written as.
-    pub fn channels(self) -> &'static [&'static str] {
+    /// Returns the channels it is written as, but for those of [`Lights`](Self::Lights), which are
+    /// three for each.
+    fn fixed_channels(self) -> &'static [&'static str] {
         match self {
             Self::Transmittance => &["transmittance"],
             Self::Depth => &["depth.front", "depth.back"],
@@ -69,56 +70,57 @@ impl Aov {
             Self::Emission => &["emission.R", "emission.G", "emission.B"],
             Self::Direct => &["direct.R", "direct.G", "direct.B"],
             Self::Indirect => &["indirect.R", "indirect.G", "indirect.B"],
-            Self::Lights => &[
-                "light.sun.R",
-                "light.sun.G",
-                "light.sun.B",
-                "light.sky.R",
-                "light.sky.G",
-                "light.sky.B",
-                "light.lamp.R",
-                "light.lamp.G",
-                "light.lamp.B",
-                "light.emission.R",
-                "light.emission.G",
-                "light.emission.B",
-            ],
+            Self::Lights => &[],
             Self::Lookups => &["lookups"],
         }
     }
 }
 
-/// Returns the number of channels of all `aovs`.
-pub fn channel_count(aovs: &[Aov]) -> usize {
-    aovs.iter().map(|aov| aov.channels().len()).sum()
+/// What the names of channels of lights begin with.
+const LIGHT: &str = "light.";
+
+/// Returns the channels that `aovs` are written as, in the order of a pixel's values, where the lights
+/// have these names.
+pub fn channels(aovs: &[Aov], lights: &[String]) -> Vec<String> {
+    let mut channels = Vec::new();
+    for aov in aovs {
+        channels.extend(aov.fixed_channels().iter().map(|&name| name.to_owned()));
+        if *aov == Aov::Lights {
+            for light in lights {
+                channels.extend(["R", "G", "B"].map(|c| format!("{LIGHT}{light}.{c}")));
+            }
+        }
+    }
+    channels
+}
+
+/// Returns whether a channel is one of an output variable.
+pub fn is_channel(name: &str) -> bool {
+    let mut fixed = Aov::ALL.iter().flat_map(|aov| aov.fixed_channels());
+    name.starts_with(LIGHT) || fixed.any(|&channel| channel == name)
 }
 
 /// Values of channels for each pixel.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Planes {
-    aovs: Vec<Aov>,
+    channels: Vec<String>,
     /// `[pixel][channel]`, channels fastest.
     values: Vec<f32>,
 }
 
 impl Planes {
     /// Makes planes of zeros for `pixel_count` pixels.
-    pub fn new(aovs: &[Aov], pixel_count: usize) -> Self {
+    pub fn new(channels: &[String], pixel_count: usize) -> Self {
         Self {
-            aovs: aovs.to_vec(),
-            values: vec![0.0; channel_count(aovs) * pixel_count],
+            channels: channels.to_vec(),
+            values: vec![0.0; channels.len() * pixel_count],
         }
     }
 
-    /// Returns which output variables these are.
-    pub fn aovs(&self) -> &[Aov] {
-        &self.aovs
-    }
-
     /// Merges the means of other samples of pixel `index`, which are `share` of all samples, into
-    /// these. Both have the same variables.
+    /// these. Both have the same channels.
     pub fn merge_pixel(&mut self, other: &Self, index: usize, share: f64) {
-        let count = channel_count(&self.aovs);
+        let count = self.channels.len();
         let range = index * count..(index + 1) * count;
         for (a, b) in self.values[range.clone()]
             .iter_mut()
@@ -135,21 +137,19 @@ impl Planes {
     }
 
     /// Returns the channels' names, in the order of a pixel's values.
-    pub fn channels(&self) -> impl Iterator<Item = &'static str> + '_ {
-        self.aovs
-            .iter()
-            .flat_map(|aov| aov.channels().iter().copied())
+    pub fn channels(&self) -> &[String] {
+        &self.channels
     }
 
     /// Returns the values of a channel, pixel by pixel.
     pub fn plane(&self, channel: usize) -> impl Iterator<Item = f32> + '_ {
-        let count = channel_count(&self.aovs).max(1);
+        let count = self.channels.len().max(1);
         self.values.iter().skip(channel).step_by(count).copied()
     }
 
     /// Returns the values of a pixel, to be filled.
     pub fn pixel_mut(&mut self, index: usize) -> &mut [f32] {
-        let count = channel_count(&self.aovs);
+        let count = self.channels.len();
         &mut self.values[index * count..(index + 1) * count]
     }
 }

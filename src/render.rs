@@ -17,7 +17,6 @@ use crate::sampling::{Number, PixelStreams};
 use crate::scene::Scene;
 use crate::silhouette::Silhouette;
 use crate::space::Ray;
-use crate::spectrum::Rgb;
 use crate::stats::Counts;
 
 /// Hears of finished work while a frame renders. Called from many threads.
@@ -65,7 +64,7 @@ pub fn render_with_costs(
 ) -> (Rendered, Vec<PixelCost>) {
     let whole = Region::whole(scene.width, scene.height);
     let state = Accumulation::new([scene.width, scene.height], whole, 0);
-    let mut state = state.with_aovs(&scene.aovs);
+    let mut state = state.with_channels(&scene.channels());
     let until = [scene.spp.into(); 2];
     let start = Instant::now();
     let frame = Frame::new(scene);
@@ -227,7 +226,8 @@ impl<'a> Frame<'a> {
             counts.camera_rays += count;
             cell.batch.add_constant(radiance, count);
             if !scene.aovs.is_empty() {
-                Variables::of_sky(radiance).add_to(sums, &scene.aovs, count as f64);
+                let parts = Parts::of_sky(&scene.lights);
+                Variables::of_sky(&parts).add_to(sums, &scene.aovs, count as f64);
             }
             return;
         }
@@ -291,18 +291,18 @@ impl<'a> Frame<'a> {
 const LEAST_DEPTH: f64 = 1e-3;
 
 /// Output variables of a sample.
-struct Variables {
-    parts: Parts,
+struct Variables<'a> {
+    parts: &'a Parts,
     transmittance: f64,
     lookups: f64,
     /// Where the media begin and end.
     extent: [f64; 2],
 }
 
-impl Variables {
-    fn of(path: &PathSample<Parts>, lookups: f64, extent: [f64; 2]) -> Self {
+impl<'a> Variables<'a> {
+    fn of(path: &'a PathSample<Parts>, lookups: f64, extent: [f64; 2]) -> Self {
         Self {
-            parts: path.radiance,
+            parts: &path.radiance,
             transmittance: 1.0 - f64::from(path.opacity),
             lookups,
             extent,
@@ -310,9 +310,9 @@ impl Variables {
     }
 
     /// Returns those of a ray past all media.
-    fn of_sky(radiance: Rgb) -> Self {
+    fn of_sky(parts: &'a Parts) -> Self {
         Self {
-            parts: Parts::of_sky(radiance),
+            parts,
             transmittance: 1.0,
             lookups: 0.0,
             extent: [f64::INFINITY; 2],
@@ -347,7 +347,11 @@ impl Variables {
                 Aov::Emission => &[parts.by_order[0].0],
                 Aov::Direct => &[parts.by_order[1].0],
                 Aov::Indirect => &[parts.by_order[2].0],
-                Aov::Lights => &parts.by_source.map(|light| light.0),
+                Aov::Lights => &parts
+                    .by_light
+                    .iter()
+                    .map(|light| light.0)
+                    .collect::<Vec<_>>(),
             };
             add(
                 &mut rest,

@@ -9,7 +9,7 @@
 use std::ops::RangeInclusive;
 
 use super::{Batch, Film, Pixel, PixelCost, Region};
-use crate::aov::{Aov, Planes, channel_count};
+use crate::aov::Planes;
 
 /// Pixels along a tile's edge: small enough to balance two threads, large enough that the
 /// rays of a tile read the same bricks.
@@ -59,7 +59,7 @@ pub struct Accumulation {
     full_size: [u32; 2],
     region: Region,
     first: u64,
-    aovs: Vec<Aov>,
+    channels: Vec<String>,
     tiles: Vec<Tile>,
 }
 
@@ -91,32 +91,32 @@ impl Accumulation {
             full_size,
             region,
             first,
-            aovs: Vec::new(),
+            channels: Vec::new(),
             tiles: starts(1)
                 .flat_map(|y| starts(0).map(move |x| tile(x, y)))
                 .collect(),
         }
     }
 
-    /// Makes room for the sums of `aovs`.
+    /// Makes room for the sums of `channels` of output variables.
     #[must_use]
-    pub fn with_aovs(mut self, aovs: &[Aov]) -> Self {
-        aovs.clone_into(&mut self.aovs);
+    pub fn with_channels(mut self, channels: &[String]) -> Self {
+        channels.clone_into(&mut self.channels);
         for tile in &mut self.tiles {
-            tile.sums = vec![0.0; channel_count(aovs) * tile.cells.len()];
+            tile.sums = vec![0.0; channels.len() * tile.cells.len()];
         }
         self
     }
 
-    /// Returns which output variables are summed.
-    pub fn aovs(&self) -> &[Aov] {
-        &self.aovs
+    /// Returns which channels of output variables are summed.
+    pub fn channels(&self) -> &[String] {
+        &self.channels
     }
 
     /// Returns the sums of output variables of all pixels, row by row from the top.
     pub(super) fn sums(&self) -> impl Iterator<Item = &[f64]> {
         let Region { min, max } = self.region;
-        let channels = channel_count(&self.aovs);
+        let channels = self.channels.len();
         (min[1]..max[1]).flat_map(move |y| {
             self.row_of_tiles(y).iter().flat_map(move |tile| {
                 let width = tile.region.width() as usize;
@@ -213,8 +213,8 @@ impl Accumulation {
     /// Returns the image so far.
     pub fn film(&self) -> Film {
         let pixels: Vec<Pixel> = self.cells().map(|cell| cell.batch.pixel()).collect();
-        let mut planes = Planes::new(&self.aovs, pixels.len());
-        if !self.aovs.is_empty() {
+        let mut planes = Planes::new(&self.channels, pixels.len());
+        if !self.channels.is_empty() {
             for (i, (pixel, sums)) in pixels.iter().zip(self.sums()).enumerate() {
                 let count = pixel.count.max(1) as f64;
                 for (value, sum) in planes.pixel_mut(i).iter_mut().zip(sums) {

@@ -9,7 +9,6 @@ use std::io::{self, BufRead, Read as _, Write};
 use serde::{Deserialize, Serialize};
 
 use super::{Accumulation, Batch, Region};
-use crate::aov::{Aov, channel_count};
 use crate::stats::Counts;
 
 /// Numbers for a pixel, of eight bytes each.
@@ -56,8 +55,8 @@ struct Header<T> {
     /// First column and row, and those after the last.
     region: [u32; 4],
     first: u64,
-    /// Output variables, whose sums follow those of each pixel.
-    aovs: Vec<Aov>,
+    /// Channels of output variables, whose sums follow those of each pixel.
+    channels: Vec<String>,
 }
 
 impl Checkpoint {
@@ -76,7 +75,7 @@ impl Checkpoint {
             full_size: state.full_size(),
             region: [min[0], min[1], max[0], max[1]],
             first: state.first(),
-            aovs: state.aovs().to_vec(),
+            channels: state.channels().to_vec(),
         };
         serde_json::to_writer(&mut *out, &header)?;
         out.write_all(b"\n")?;
@@ -123,7 +122,7 @@ impl Checkpoint {
         let mut words = Vec::new();
         let mut checksum = Checksum::new();
         let count = region.width() as usize * region.height() as usize;
-        let channels = channel_count(&header.aovs);
+        let channels = header.channels.len();
         let mut bytes = vec![0; 8 * (WORDS + channels)];
         for _ in 0..count {
             // Grows as the file does: a short one takes no more than it has.
@@ -139,7 +138,7 @@ impl Checkpoint {
             return Err(CheckpointError::Checksum);
         }
         let state = Accumulation::new(header.full_size, region, header.first);
-        let mut state = state.with_aovs(&header.aovs);
+        let mut state = state.with_channels(&header.channels);
         for (x, y, cell, sums) in state.cells_and_sums_mut() {
             let at = (y - y0) as usize * region.width() as usize + (x - x0) as usize;
             let pixel = &words[at * (WORDS + channels)..][..WORDS + channels];
@@ -188,7 +187,7 @@ mod tests {
             max: [20, 4],
         };
         let state = Accumulation::new([21, 5], region, 8);
-        let mut state = state.with_aovs(&[Aov::Albedo, Aov::Lookups]);
+        let mut state = state.with_channels(&["a", "b", "c", "d"].map(str::to_owned));
         for (i, (_, _, cell, sums)) in state.cells_and_sums_mut().enumerate() {
             sums[i % 4] = (i as f64).sqrt();
             for sample in 0..i % 4 {

@@ -126,7 +126,7 @@ impl Film {
     pub fn merge(&mut self, other: &Self) -> bool {
         let is_same = self.full_size == other.full_size
             && self.region == other.region
-            && self.planes.aovs() == other.planes.aovs();
+            && self.planes.channels() == other.planes.channels();
         if is_same {
             for (i, (pixel, theirs)) in self.pixels.iter_mut().zip(&other.pixels).enumerate() {
                 let share = theirs.count as f64 / (pixel.count + theirs.count).max(1) as f64;

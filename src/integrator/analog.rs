@@ -47,7 +47,7 @@ pub(super) fn sample_radiance(
     let mut bounces = 0;
     loop {
         let met = if is_chromatic {
-            media.chromatic_collision(&ray, &mut weight, stream, counts)
+            media.chromatic_collision(&ray, &mut weight, None, stream, counts)
         } else {
             let met = media.first_collision(&ray, stream, counts);
             met.map(|met| (met.t, met.walk.medium()))

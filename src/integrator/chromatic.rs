@@ -6,25 +6,25 @@
 //! `path` and `primary`, which gray media keep.
 //!
 //! Several media fly one after the other, each up to the nearest collision so far. Where a later one
-//! is nearer, the null collisions of the earlier beyond it have not happened: their factors are taken
-//! back.
+//! is nearer, what the earlier have met beyond it has not happened: those factors do not count.
 //!
-//! Not here: media that emit, which the scene loader refuses beside a coloured extinction.
+//! Light that media emit along a flight has the weights that the flight has where it is, so the
+//! flight keeps a list of what it multiplies them by; nothing is listed where nothing emits.
 
 use glam::DVec3;
 
 use super::media::{Media, Tracked};
 use super::parts::{Gather, Source, gathered};
-use super::path::{LEAST_BELIEF, ROULETTE_WEIGHT, least_contribution, usual_worth};
+use super::path::{LEAST_BELIEF, LEAST_EMITTED, ROULETTE_WEIGHT, least_contribution, usual_worth};
 use super::primary::{ANALOG_BELOW, SURVIVAL};
-use super::surroundings::{Event, met_maps};
+use super::surroundings::{Event, Flight, meet_maps};
 use super::{Context, PathSample};
 use crate::medium::Medium;
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
-use crate::tracking::Null;
+use crate::tracking::Factor;
 
 impl<'a> Media<'a> {
     /// Returns whether the extinction of any has a colour.
@@ -60,53 +60,42 @@ impl<'a> Media<'a> {
     }
 
     /// Draws the first collision along `ray` and the medium it is with; `weights` decide, and
-    /// become those of what has happened.
+    /// become those of what has happened. `factors` becomes all that they are multiplied by up to
+    /// there, in order.
     pub(super) fn chromatic_collision(
         &self,
         ray: &Ray,
         weights: &mut Rgb,
+        mut factors: Option<&mut Vec<Factor>>,
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Option<(f64, &'a Medium)> {
+        if let Some(factors) = &mut factors {
+            factors.clear();
+        }
         if let [Tracked { medium, tracking }] = self.all() {
             let place = (*medium, ray, f64::INFINITY);
-            let t = tracking.chromatic_collision(place, weights, None, stream, counts)?;
+            let t = tracking.chromatic_collision(place, weights, factors, stream, counts)?;
             return Some((t, medium));
         }
-        let at_first = *weights;
-        // Factors of null collisions of all, and those of the nearest real one.
-        let mut nulls: Vec<Null> = Vec::new();
-        let mut nearest: Option<(f64, &'a Medium, Rgb)> = None;
+        let mut own = Vec::new();
+        let factors = factors.unwrap_or(&mut own);
+        let mut nearest: Option<(f64, &'a Medium)> = None;
         for Tracked { medium, tracking } in self.all() {
-            let t_max = nearest.map_or(f64::INFINITY, |(t, ..)| t);
-            let before = nulls.len();
-            let mut own = at_first;
+            let t_max = nearest.map_or(f64::INFINITY, |(t, _)| t);
             let place = (*medium, ray, t_max);
+            let mut alone = *weights;
             let met =
-                tracking.chromatic_collision(place, &mut own, Some(&mut nulls), stream, counts);
-            if let Some(t) = met {
-                // What the real collision itself has done to the weights.
-                let passed = nulls[before..]
-                    .iter()
-                    .fold(at_first, |w, (_, null)| w * *null);
-                let real = Rgb(std::array::from_fn(|c| {
-                    // Zero: a channel without weight stays so.
-                    if passed.0[c] > 0.0 {
-                        own.0[c] / passed.0[c]
-                    } else {
-                        0.0
-                    }
-                }));
-                nearest = Some((t, medium, real));
-            }
+                tracking.chromatic_collision(place, &mut alone, Some(factors), stream, counts);
+            nearest = met.map(|t| (t, *medium)).or(nearest);
         }
-        let end = nearest.map_or(f64::INFINITY, |(t, ..)| t);
-        for (_, null) in nulls.iter().filter(|(t, _)| *t < end) {
-            *weights *= *null;
+        let end = nearest.map_or(f64::INFINITY, |(t, _)| t);
+        factors.retain(|(t, _)| *t <= end);
+        factors.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+        for (_, factor) in factors {
+            *weights *= *factor;
         }
-        let (t, medium, real) = nearest?;
-        *weights *= real;
-        Some((t, medium))
+        nearest
     }
 }
 
@@ -125,12 +114,11 @@ pub(super) fn sample_radiance<G: Gather>(
     counts: &mut Counts,
 ) -> PathSample<G> {
     let Context { media, lights, .. } = context;
-    let behind = lights.radiance(ray.direction);
     let [Tracked { medium, tracking }] = media.all() else {
         let mut weights = Rgb::WHITE;
-        return match media.chromatic_collision(&ray, &mut weights, stream, counts) {
+        return match media.chromatic_collision(&ray, &mut weights, None, stream, counts) {
             None => PathSample {
-                radiance: gathered(behind * weights),
+                radiance: gathered(lights, ray.direction, weights),
                 opacity: 0.0,
                 first_collision: None,
             },
@@ -142,7 +130,7 @@ pub(super) fn sample_radiance<G: Gather>(
         };
     };
     let flight = tracking.chromatic_flight(medium, &ray, ANALOG_BELOW, stream, counts);
-    let mut radiance: G = gathered(behind * flight.transmittance);
+    let mut radiance: G = gathered(lights, ray.direction, flight.transmittance);
     let Some((t, weights)) = flight.collision else {
         return PathSample {
             radiance,
@@ -152,14 +140,13 @@ pub(super) fn sample_radiance<G: Gather>(
     };
     let opacity = mean(weights);
     let survival = (SURVIVAL * opacity).min(1.0);
-    let usual = lights.usual_radiance();
     if stream.uniform() < survival {
         let kept = weights * survival.recip();
         let scattered: G = scattered_radiance(context, (t, medium), ray, kept, stream, counts);
-        radiance.add(usual * weights + usual * kept * -1.0, 1, Source::Sky);
+        radiance.add_usual(lights, weights + kept * -1.0);
         radiance.merge(scattered);
     } else {
-        radiance.add(usual * weights, 1, Source::Sky);
+        radiance.add_usual(lights, weights);
         counts.roulette_kills += 1;
     }
     PathSample {
@@ -183,22 +170,21 @@ fn scattered_radiance<G: Gather>(
         ref media,
         lights,
         settings,
-        ref guide,
+        ref emitters,
         ref lamps,
         ..
     } = *context;
-    let levers = settings.levers;
-    let roulette_weight = if levers.path_roulette {
+    let roulette_weight = if settings.levers.path_roulette {
         ROULETTE_WEIGHT
     } else {
         // Only paths without any weight end.
         f32::MIN_POSITIVE
     };
-    let least = least_contribution(context);
-    let mut radiance = G::default();
+    let mut radiance = G::of(lights);
     radiance.meet(medium, ray.at(t), mean(throughput));
     let mut importance = 1.0;
     let mut bounces = 0;
+    let mut factors = Vec::new();
     loop {
         if settings.max_bounces == Some(bounces) {
             return radiance;
@@ -220,27 +206,13 @@ fn scattered_radiance<G: Gather>(
             phase: medium.phase(),
             throughput,
         };
-        event.surroundings(context, &ray, (&mut radiance, bounces), stream, counts);
-        let mut next: Option<DVec3> = None;
-        if let Some(guide) = guide {
-            let beliefs = guide.beliefs(guide.position_of(media, event.p));
-            for (i, sun) in lights.distant.iter().enumerate() {
-                let worth = if levers.light_roulette {
-                    guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
-                } else {
-                    f32::MAX
-                };
-                let light = event.sun(sun, worth, stream, counts);
-                radiance.add(light, bounces, Source::Sun);
-            }
-            if levers.guide {
-                let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), &beliefs, ray.direction, stream);
-                throughput *= weight;
-                importance = guided_importance;
-                next = Some(guided);
-            }
-        }
+        let found = (&mut radiance, bounces);
+        let next = collect(context, &event, &ray, found, stream, counts);
+        let next = next.map(|guided| {
+            throughput *= guided.weight;
+            importance = guided.importance;
+            guided.direction
+        });
         counts.scattered_rays += 1;
         let previous = ray;
         ray = Ray {
@@ -251,22 +223,93 @@ fn scattered_radiance<G: Gather>(
             && settings.max_bounces != Some(bounces)
         {
             let worth = usual_worth(context);
-            let light = lamps.along(media, &ray, throughput, worth, stream, counts);
-            radiance.add(light, bounces + 1, Source::Lamp);
+            let (lamp, light) = lamps.along(media, &ray, throughput, worth, stream, counts);
+            radiance.add(light, bounces + 1, Source::Lamp(lamp));
         }
-        let further = media.chromatic_collision(&ray, &mut throughput, stream, counts);
         let phase = medium.phase().eval(event.arrived.dot(ray.direction));
+        let before = throughput;
+        let list = (!emitters.is_empty()).then_some(&mut factors);
+        let further = media.chromatic_collision(&ray, &mut throughput, list, stream, counts);
+        let end = further.map_or(f64::INFINITY, |(t, _)| t);
+        if !emitters.is_empty() {
+            let worth = (phase, before.max_channel());
+            let light = emitters.along(&ray, (end, &factors), worth, stream, counts);
+            radiance.add(before * light, bounces, Source::Emission);
+        }
         if let Some(lamps) = lamps {
             // What the flight has made of the weights beyond a sphere is 1 on average.
-            let end = further.map_or(f64::INFINITY, |(t, _)| t);
-            let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
-            radiance.add(light, bounces, Source::Lamp);
+            let flight = Flight {
+                previous: &previous,
+                segment: &ray,
+                phase,
+                end,
+            };
+            lamps.meet(media, &flight, throughput, (&mut radiance, bounces));
         }
         let Some(further) = further else {
-            let sky = lights.environment + met_maps(lights, ray.direction, phase);
-            radiance.add(throughput * sky, bounces, Source::Sky);
+            radiance.add(throughput * lights.environment, bounces, Source::Constant);
+            let met = (ray.direction, phase);
+            meet_maps(lights, met, throughput, (&mut radiance, bounces));
             return radiance;
         };
         (t, medium) = further;
     }
+}
+
+/// A direction that the guide has chosen.
+struct Guided {
+    direction: DVec3,
+    weight: f32,
+    importance: f32,
+}
+
+/// Adds what arrives at `event`, which `segment` has led to, and is scattered towards the camera;
+/// returns where the path goes on, if the guide has a say in it.
+fn collect(
+    context: &Context<'_>,
+    event: &Event<'_, '_>,
+    segment: &Ray,
+    (radiance, order): (&mut impl Gather, u32),
+    stream: &mut Stream,
+    counts: &mut Counts,
+) -> Option<Guided> {
+    let Context {
+        media,
+        lights,
+        settings,
+        emitters,
+        guide,
+        ..
+    } = context;
+    let levers = settings.levers;
+    event.surroundings(context, segment, (radiance, order), stream, counts);
+    if !emitters.is_empty() {
+        let least = if levers.light_roulette {
+            LEAST_EMITTED
+        } else {
+            0.0
+        };
+        let light = emitters.at_event(event, least, stream, counts);
+        radiance.add(light, order, Source::Emission);
+    }
+    let guide = guide.as_ref()?;
+    let beliefs = guide.beliefs(guide.position_of(media, event.p));
+    let least = least_contribution(context);
+    let worth = |i| {
+        if levers.light_roulette {
+            guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
+        } else {
+            f32::MAX
+        }
+    };
+    event.suns(lights, worth, (radiance, order), stream, counts);
+    levers.guide.then(|| {
+        let (direction, weight, importance) =
+            guide.sample(event.phase, &beliefs, event.arrived, stream);
+        Guided {
+            direction,
+            weight,
+            importance,
+        }
+    })
 }

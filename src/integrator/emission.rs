@@ -26,12 +26,14 @@ use std::ops::ControlFlow;
 use glam::DVec3;
 
 use super::media::Media;
+use super::surroundings::Event;
 use crate::emission::Emission;
 use crate::medium::Medium;
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
+use crate::tracking::Factor;
 
 /// Points along a camera ray that crosses as much as a typical line through much emission.
 const CAMERA_POINTS: f32 = 32.0;
@@ -107,23 +109,23 @@ impl<'a> Emitters<'a> {
         {
             let spacing = emission.typical_radiance() / CAMERA_POINTS;
             let mut reached = 0.0;
-            let mut transmittance = 1.0;
+            let mut through = Rgb::WHITE;
             let start = (spacing, stream.uniform());
             emission.for_each_point(ray, f64::INFINITY, start, |t, length| {
                 let stretch = Ray {
                     origin: ray.at(reached),
                     direction: ray.direction,
                 };
-                let weights = (transmittance, LEAST_TRANSMITTANCE);
                 let end = (&stretch, t - reached);
-                transmittance = media.transmittance(None, end, weights, stream, counts);
+                let least = (LEAST_TRANSMITTANCE / through.max_channel()).min(1.0);
+                through *= media.spectral_transmittance(end, least, stream, counts);
                 reached = t;
                 // Zero: lost in roulette, or nothing comes through.
-                if transmittance <= 0.0 {
+                if through.is_black() {
                     return ControlFlow::Break(());
                 }
                 counts.emission_lookups += 1;
-                radiance += medium.emitted(ray.at(t)) * (length * transmittance);
+                radiance += medium.emitted(ray.at(t)) * through * length;
                 ControlFlow::Continue(())
             });
         }
@@ -133,10 +135,11 @@ impl<'a> Emitters<'a> {
     /// Returns an unbiased estimate of the emission along a scattered ray up to its collision at
     /// `t_c`, less what is found as a light from where it starts, where it has the density
     /// `phase`. `throughput` is what it will be multiplied by: little is worth little effort.
+    /// `factors` are those of the flight, where the extinction has a colour.
     pub(super) fn along(
         &self,
         ray: &Ray,
-        t_c: f64,
+        (t_c, factors): (f64, &[Factor]),
         (phase, throughput): (f32, f32),
         stream: &mut Stream,
         counts: &mut Counts,
@@ -149,7 +152,12 @@ impl<'a> Emitters<'a> {
             let spacing = emission.typical_radiance() / PATH_POINTS;
             let spacing = spacing / throughput.clamp(LEAST_WEIGHT, 1.0);
             let start = (spacing, stream.uniform());
+            let mut factors = factors.iter().peekable();
+            let mut through = Rgb::WHITE;
             emission.for_each_point(ray, t_c, start, |t, length| {
+                while let Some((_, factor)) = factors.next_if(|(from, _)| *from <= t) {
+                    through *= *factor;
+                }
                 let p = ray.at(t);
                 counts.emission_lookups += 1;
                 let weight = if self.are_lights {
@@ -157,7 +165,7 @@ impl<'a> Emitters<'a> {
                 } else {
                     1.0
                 };
-                radiance += medium.emitted(p) * (length * weight);
+                radiance += medium.emitted(p) * through * (length * weight);
                 ControlFlow::Continue(())
             });
         }
@@ -191,6 +199,31 @@ impl<'a> Emitters<'a> {
             }
         }
         radiance
+    }
+
+    /// Returns an unbiased estimate of emitted light that scatters at `event` towards the camera, from
+    /// a point drawn as of a light. Throughputs, and what is left of them on the way, play roulette
+    /// below `least`.
+    pub(super) fn at_event(
+        &self,
+        event: &Event<'_, '_>,
+        least: f32,
+        stream: &mut Stream,
+        counts: &mut Counts,
+    ) -> Rgb {
+        let towards = |direction| event.phase(direction);
+        let Some(point) = self.sample_light(event.p, towards, stream, counts) else {
+            return Rgb::BLACK;
+        };
+        let unoccluded = event.throughput * point.unoccluded;
+        // Zero: nothing is left.
+        if unoccluded.is_black() {
+            return Rgb::BLACK;
+        }
+        // What a contribution of 1 is worth such that roulette goes by the throughput alone.
+        let worth = event.throughput.max_channel() / (least * unoccluded.max_channel());
+        let to = (point.direction, point.distance);
+        event.collect(to, unoccluded, worth, stream, counts)
     }
 
     /// Draws a point as of a light, for a vertex at `origin` from which `phase` tells the density of

@@ -199,7 +199,7 @@ pub struct PathSample<R = Rgb> {
 
 impl PathSample<Parts> {
     /// Returns the sample without its parts.
-    pub fn whole(self) -> PathSample {
+    pub fn whole(&self) -> PathSample {
         PathSample {
             radiance: self.radiance.radiance,
             opacity: self.opacity,
@@ -241,10 +241,7 @@ impl Context<'_> {
                     first_collision,
                 } = analog::sample_radiance(self, ray, stream, counts);
                 PathSample {
-                    radiance: Parts {
-                        radiance,
-                        ..Parts::default()
-                    },
+                    radiance: Parts::unsorted(radiance),
                     opacity,
                     first_collision,
                 }

@@ -18,7 +18,7 @@ use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
 use super::parts::{Gather, Source};
 use super::primary::Kernel;
-use super::surroundings::{Event, Lamps, met_maps};
+use super::surroundings::{Event, Flight, Lamps, meet_maps};
 use super::{Context, Levers};
 use crate::light::DistantLight;
 use crate::medium::MediumRay;
@@ -49,7 +49,7 @@ const LEAST_CONTRIBUTION_THIN: f32 = 0.01;
 
 /// Throughputs and transmittances below this play roulette where media emit. It does not depend on
 /// how much light there is: a fire is bright beside itself and lights the dark far from it.
-const LEAST_EMITTED: f32 = 0.05;
+pub(super) const LEAST_EMITTED: f32 = 0.05;
 
 /// The guide's root of the transmittance counts for at least this.
 ///
@@ -118,7 +118,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
     let mut direction = ray.direction;
     // Only lamps look back at it.
     let mut segment = *ray;
-    let mut radiance = G::default();
+    let mut radiance = G::of(lights);
     let mut throughput = Rgb::splat(weight);
     let mut importance = 1.0;
     let mut bounces = 0;
@@ -163,7 +163,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                     f32::MAX
                 };
                 let light = vertex.direct_light(sun, worth, stream, counts);
-                radiance.add(light, bounces, Source::Sun);
+                radiance.add(light, bounces, Source::Sun(i));
             }
             if steer {
                 let (guided, weight, guided_importance) =
@@ -197,8 +197,8 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             segment = ray_from(&walk, 0.0, direction);
             if settings.max_bounces != Some(bounces) {
                 let worth = usual_worth(context);
-                let light = lamps.along(media, &segment, throughput, worth, stream, counts);
-                radiance.add(light, bounces + 1, Source::Lamp);
+                let (lamp, light) = lamps.along(media, &segment, throughput, worth, stream, counts);
+                radiance.add(light, bounces + 1, Source::Lamp(lamp));
             }
         }
         let depth = if bounces == 1 {
@@ -221,13 +221,18 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             if !emitters.is_empty() {
                 let phase = medium.phase().eval(arrived.dot(direction));
                 let worth = (phase, throughput.max_channel());
-                let light = throughput * emitters.along(&ray, end, worth, stream, counts);
+                let light = throughput * emitters.along(&ray, (end, &[]), worth, stream, counts);
                 radiance.add(light, bounces, Source::Emission);
             }
             if let Some(lamps) = lamps {
                 let phase = medium.phase().eval(arrived.dot(direction));
-                let light = throughput * lamps.met(media, (&previous, &ray), phase, end);
-                radiance.add(light, bounces, Source::Lamp);
+                let flight = Flight {
+                    previous: &previous,
+                    segment: &ray,
+                    phase,
+                    end,
+                };
+                lamps.meet(media, &flight, throughput, (&mut radiance, bounces));
             }
             if let Some(nearer) = nearer {
                 Met { index, walk, t } = nearer;
@@ -235,12 +240,12 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             }
         }
         let Some(further) = further else {
-            let mut sky = lights.environment;
+            radiance.add(throughput * lights.environment, bounces, Source::Constant);
             if !lights.maps.is_empty() {
                 let phase = medium.phase().eval(arrived.dot(direction));
-                sky += met_maps(lights, direction, phase);
+                let met = (direction, phase);
+                meet_maps(lights, met, throughput, (&mut radiance, bounces));
             }
-            radiance.add(throughput * sky, bounces, Source::Sky);
             return radiance;
         };
         t = further;
@@ -266,6 +271,7 @@ impl Vertex<'_, '_> {
     ///
     /// `worth` is what a contribution of 1 is expected to be worth in shadow rays: below 1, the
     /// ray is traced with that probability. On its way, roulette goes on by the same measure.
+    #[inline] // bench: frame
     fn direct_light(
         &self,
         sun: &DistantLight,

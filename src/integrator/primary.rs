@@ -25,7 +25,7 @@
 
 use super::media::{Met, Tracked};
 use super::parts::{Gather, Source, gathered};
-use super::surroundings::seen_spheres;
+use super::surroundings::see_spheres;
 use super::{CameraRay, Context, IntegratorKind, PathSample, TransportSettings, chromatic, path};
 use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
@@ -156,15 +156,14 @@ fn lamplight<G: Gather>(
         kernel,
         ..
     } = context;
-    let seen = seen_spheres(lights, media, ray, stream, counts);
-    radiance.add(seen, 0, Source::Lamp);
+    see_spheres(lights, media, ray, radiance, stream, counts);
     if let Some(lamps) = lamps
         && *kernel != Kernel::Transmittance
         && settings.max_bounces != Some(0)
     {
         let worth = path::usual_worth(context);
-        let light = lamps.along(media, ray, Rgb::WHITE, worth, stream, counts);
-        radiance.add(light, 1, Source::Lamp);
+        let (lamp, light) = lamps.along(media, ray, Rgb::WHITE, worth, stream, counts);
+        radiance.add(light, 1, Source::Lamp(lamp));
     }
 }
 
@@ -176,7 +175,7 @@ fn analog<G: Gather>(
 ) -> PathSample<G> {
     let Some(met) = context.media.first_collision(&ray, stream, counts) else {
         return PathSample {
-            radiance: gathered(context.lights.radiance(ray.direction)),
+            radiance: gathered(context.lights, ray.direction, Rgb::WHITE),
             opacity: 0.0,
             first_collision: None,
         };
@@ -200,12 +199,11 @@ fn expected<G: Gather>(
     let number = stream.number(Number::Collision);
     let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
     let opacity = 1.0 - flight.transmittance;
-    let through = lights.radiance(ray.direction) * flight.transmittance;
-    let usual = lights.usual_radiance();
+    let through = Rgb::splat(flight.transmittance);
     // What is scattered is near the usual sky: that much of it is added without a path.
     let sky = |weight: f32| {
-        let mut radiance: G = gathered(through);
-        radiance.add(usual * weight, 1, Source::Sky);
+        let mut radiance: G = gathered(lights, ray.direction, through);
+        radiance.add_usual(lights, Rgb::splat(weight));
         radiance
     };
     let Some(t) = flight.collision else {
@@ -258,7 +256,7 @@ fn transmittance<G: Gather>(
         None
     };
     PathSample {
-        radiance: gathered(context.lights.radiance(ray.direction) * transmittance),
+        radiance: gathered(context.lights, ray.direction, Rgb::splat(transmittance)),
         opacity: 1.0 - transmittance,
         first_collision,
     }

@@ -30,7 +30,7 @@ use super::Context;
 use super::media::Media;
 use super::parts::{Gather, Source};
 use super::path::{LEAST_BELIEF, usual_worth};
-use crate::light::{DistantLight, EnvironmentMap, Equiangular, Lights, LocalLight};
+use crate::light::{EnvironmentMap, Equiangular, Lights, LocalLight};
 use crate::medium::Medium;
 use crate::phase::Phase;
 use crate::sampling::Stream;
@@ -52,22 +52,27 @@ pub(super) struct Event<'e, 'm> {
 }
 
 impl Event<'_, '_> {
-    fn phase(&self, direction: DVec3) -> f32 {
+    pub(super) fn phase(&self, direction: DVec3) -> f32 {
         self.phase.eval(self.arrived.dot(direction))
     }
 
-    /// Returns an unbiased estimate of a sun's light that scatters here.
-    pub(super) fn sun(
+    /// Adds an unbiased estimate of the suns' light that scatters here; for `worth` of each see
+    /// [`collect`](Self::collect).
+    pub(super) fn suns(
         &self,
-        sun: &DistantLight,
-        worth: f32,
+        lights: &Lights,
+        worth: impl Fn(usize) -> f32,
+        (radiance, order): (&mut impl Gather, u32),
         stream: &mut Stream,
         counts: &mut Counts,
-    ) -> Rgb {
-        let light = sun.sample(stream);
-        let unoccluded = self.throughput * light.weight * self.phase(light.direction);
-        let to = (light.direction, f64::INFINITY);
-        self.collect(to, unoccluded, worth, stream, counts)
+    ) {
+        for (i, sun) in lights.distant.iter().enumerate() {
+            let light = sun.sample(stream);
+            let unoccluded = self.throughput * light.weight * self.phase(light.direction);
+            let to = (light.direction, f64::INFINITY);
+            let light = self.collect(to, unoccluded, worth(i), stream, counts);
+            radiance.add(light, order, Source::Sun(i));
+        }
     }
 
     /// Returns an unbiased estimate of the light that scatters here of a map, in its share.
@@ -120,11 +125,11 @@ impl Event<'_, '_> {
                 _ => usual,
             };
             let light = self.map(map, worth, stream, counts);
-            radiance.add(light, order, Source::Sky);
+            radiance.add(light, order, Source::Map(i));
         }
         if let Some(lamps) = lamps {
-            let light = lamps.at_vertex(segment, self, usual, stream, counts);
-            radiance.add(light, order, Source::Lamp);
+            let (lamp, light) = lamps.at_vertex(segment, self, usual, stream, counts);
+            radiance.add(light, order, Source::Lamp(lamp));
         }
     }
 
@@ -133,7 +138,7 @@ impl Event<'_, '_> {
     ///
     /// `worth` is what a contribution of 1 is worth in shadow rays: below 1 in all, the ray is
     /// traced with that probability. On its way, roulette goes on by the same measure.
-    fn collect(
+    pub(super) fn collect(
         &self,
         (direction, distance): (DVec3, f64),
         unoccluded: Rgb,
@@ -159,31 +164,47 @@ impl Event<'_, '_> {
     }
 }
 
-/// Returns the light of all maps that a path finds where it leaves towards `direction`, in its
-/// share; `phase` is the density of the direction by the phase function.
-pub(super) fn met_maps(lights: &Lights, direction: DVec3, phase: f32) -> Rgb {
-    let shares = lights.maps.iter().map(|map| {
+/// Adds the light of all maps that a path of `throughput` finds where it leaves towards `direction`,
+/// in its share; `phase` is the density of the direction by the phase function.
+pub(super) fn meet_maps(
+    lights: &Lights,
+    (direction, phase): (DVec3, f32),
+    throughput: Rgb,
+    (sum, order): (&mut impl Gather, u32),
+) {
+    for (i, map) in lights.maps.iter().enumerate() {
         let (radiance, pdf) = map.radiance_and_pdf(direction);
-        radiance * (phase / (phase + pdf))
-    });
-    shares.fold(Rgb::BLACK, |sum, share| sum + share)
+        let light = throughput * radiance * (phase / (phase + pdf));
+        sum.add(light, order, Source::Map(i));
+    }
 }
 
-/// Returns the radiance of the spheres that a camera ray sees, as far as it gets through.
-pub(super) fn seen_spheres(
+/// Adds the radiance of the spheres that a camera ray sees, as far as it gets through.
+pub(super) fn see_spheres(
     lights: &Lights,
     media: &Media<'_>,
     ray: &Ray,
+    sum: &mut impl Gather,
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Rgb {
-    let mut sum = Rgb::BLACK;
-    for lamp in &lights.local {
+) {
+    for (i, lamp) in lights.local.iter().enumerate() {
         if let Some((radiance, t)) = lamp.meet(ray) {
-            sum += radiance * media.spectral_transmittance((ray, t), 0.0, stream, counts);
+            let through = media.spectral_transmittance((ray, t), 0.0, stream, counts);
+            sum.add(radiance * through, 0, Source::Lamp(i));
         }
     }
-    sum
+}
+
+/// A free flight, as far as it may meet spheres.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Flight<'f> {
+    /// By which the path has come to where this one starts.
+    pub(super) previous: &'f Ray,
+    pub(super) segment: &'f Ray,
+    /// Density of its direction by the phase function.
+    pub(super) phase: f32,
+    pub(super) end: f64,
 }
 
 /// The local lights of a scene, as seen from its media.
@@ -243,7 +264,7 @@ impl<'a> Lamps<'a> {
     }
 
     /// Returns an unbiased estimate of a local light's light that scatters at `event`, which a free
-    /// flight along `segment` has met; in its share.
+    /// flight along `segment` has met; in its share, with the light's number.
     pub(super) fn at_vertex(
         &self,
         segment: &Ray,
@@ -251,17 +272,17 @@ impl<'a> Lamps<'a> {
         worth: f32,
         stream: &mut Stream,
         counts: &mut Counts,
-    ) -> Rgb {
+    ) -> (usize, Rgb) {
         let near = |lamp: &LocalLight| {
             let (position, radius) = lamp.place();
             let distance2 = (position - event.p).length_squared();
             importance(lamp, distance2.max(radius * radius))
         };
-        let Some((lamp, probability)) = self.choose(near, stream) else {
-            return Rgb::BLACK;
+        let Some((number, lamp, probability)) = self.choose(near, stream) else {
+            return (0, Rgb::BLACK);
         };
         let Some(light) = lamp.sample(event.p, stream) else {
-            return Rgb::BLACK;
+            return (number, Rgb::BLACK);
         };
         let phase = event.phase(light.direction);
         let densities = self.densities(event.media, segment, lamp, event.p);
@@ -270,11 +291,12 @@ impl<'a> Lamps<'a> {
         let weight = (share / probability) as f32 * phase;
         let unoccluded = event.throughput * light.weight * weight;
         let to = (light.direction, light.distance);
-        event.collect(to, unoccluded, worth, stream, counts)
+        let light = event.collect(to, unoccluded, worth, stream, counts);
+        (number, light)
     }
 
     /// Returns an unbiased estimate of a local light's light that scatters once along `segment`,
-    /// of `throughput`, at a distance drawn equiangularly; in its share.
+    /// of `throughput`, at a distance drawn equiangularly; in its share, with the light's number.
     #[cold] // bench: frame
     pub(super) fn along(
         &self,
@@ -284,7 +306,7 @@ impl<'a> Lamps<'a> {
         worth: f32,
         stream: &mut Stream,
         counts: &mut Counts,
-    ) -> Rgb {
+    ) -> (usize, Rgb) {
         let seen = |lamp: &LocalLight| {
             let (position, radius) = lamp.place();
             let to = position - segment.origin;
@@ -292,20 +314,21 @@ impl<'a> Lamps<'a> {
             let beside2 = (to - segment.direction * along).length_squared();
             importance(lamp, beside2.max(radius * radius)).sqrt()
         };
-        let Some((lamp, probability)) = self.choose(seen, stream) else {
-            return Rgb::BLACK;
+        let Some((number, lamp, probability)) = self.choose(seen, stream) else {
+            return (0, Rgb::BLACK);
         };
+        let nothing = (number, Rgb::BLACK);
         let Some((equiangular, t0)) = self.equiangular(segment, lamp) else {
-            return Rgb::BLACK;
+            return nothing;
         };
         let t = equiangular.sample(f64::from(stream.uniform_positive()));
         let p = segment.at(t);
         counts.lookups += 8;
         let Some((medium, sigma_t)) = media.choose(p, stream) else {
-            return Rgb::BLACK;
+            return nothing;
         };
         let Some(light) = lamp.sample(p, stream) else {
-            return Rgb::BLACK;
+            return nothing;
         };
         let densities = Densities {
             flight: flight_density(sigma_t, t - t0),
@@ -327,25 +350,29 @@ impl<'a> Lamps<'a> {
         let to = (light.direction, light.distance);
         let scattered = event.collect(to, unoccluded, worth, stream, counts);
         if scattered.is_black() {
-            return scattered;
+            return nothing;
         }
         let least = (scattered.max_channel() * worth).recip().min(1.0);
-        scattered * media.spectral_transmittance((segment, t), least, stream, counts)
+        let through = media.spectral_transmittance((segment, t), least, stream, counts);
+        (number, scattered * through)
     }
 
-    /// Returns the radiance of the spheres that a path meets on its way along `segment` to `end`, in
-    /// its share; it has come to the start along `previous`, and `phase` is the density of the
-    /// direction by the phase function.
+    /// Adds the radiance of the spheres that a path of `throughput` meets on its flight, in its share.
     #[cold] // bench: frame
-    pub(super) fn met(
+    pub(super) fn meet(
         &self,
         media: &Media<'_>,
-        (previous, segment): (&Ray, &Ray),
-        phase: f32,
-        end: f64,
-    ) -> Rgb {
-        let mut sum = Rgb::BLACK;
-        for lamp in self.all {
+        flight: &Flight<'_>,
+        throughput: Rgb,
+        (sum, order): (&mut impl Gather, u32),
+    ) {
+        let Flight {
+            previous,
+            segment,
+            phase,
+            end,
+        } = *flight;
+        for (i, lamp) in self.all.iter().enumerate() {
             if let Some((radiance, t)) = lamp.meet(segment)
                 && t < end
             {
@@ -355,10 +382,9 @@ impl<'a> Lamps<'a> {
                 let share = densities.flight * f64::from(ratio) / densities.sum(ratio);
                 #[expect(clippy::cast_possible_truncation, reason = "a share")]
                 let share = share as f32;
-                sum += radiance * share;
+                sum.add(throughput * radiance * share, order, Source::Lamp(i));
             }
         }
-        sum
     }
 
     /// Returns the densities of the distance of `p` along `segment`.
@@ -398,23 +424,23 @@ impl<'a> Lamps<'a> {
         Some((Equiangular::new(segment, (t0, t1), position, least)?, t0))
     }
 
-    /// Chooses a light in proportion to what `of` says of it; returns it with its probability.
+    /// Chooses a light in proportion to what `of` says of it; returns its number, it and its probability.
     fn choose(
         &self,
         of: impl Fn(&LocalLight) -> f32,
         stream: &mut Stream,
-    ) -> Option<(&'a LocalLight, f64)> {
+    ) -> Option<(usize, &'a LocalLight, f64)> {
         if let [only] = self.all {
-            return Some((only, 1.0));
+            return Some((0, only, 1.0));
         }
         let total: f32 = self.all.iter().map(&of).sum();
         let mut left = stream.uniform() * total;
         let mut last = None;
-        for lamp in self.all {
+        for (i, lamp) in self.all.iter().enumerate() {
             let part = of(lamp);
             // Zero: a light that is out.
             if part > 0.0 {
-                last = Some((lamp, f64::from(part / total)));
+                last = Some((i, lamp, f64::from(part / total)));
                 if left < part {
                     break;
                 }

@@ -49,6 +49,7 @@ impl DistantLight {
     }
 
     /// Draws a direction to the light.
+    #[inline] // bench: frame
     pub fn sample(&self, stream: &mut Stream) -> LightSample {
         let Self {
             direction_to_light,

@@ -75,6 +75,20 @@ impl Lights {
         suns.chain(self.maps.iter().map(|map| map.beacon()))
     }
 
+    /// Returns names of the lights for who wants to know whose light is whose: suns, the constant sky,
+    /// other skies, lights in the scene, and what volumes emit.
+    pub fn names(&self) -> Vec<String> {
+        let numbered = |kind: &str, count: usize| -> Vec<String> {
+            (0..count).map(|i| format!("{kind}{i}")).collect()
+        };
+        let mut names = numbered("sun", self.distant.len());
+        names.push("constant".to_owned());
+        names.extend(numbered("sky", self.maps.len()));
+        names.extend(numbered("lamp", self.local.len()));
+        names.push("emission".to_owned());
+        names
+    }
+
     /// Returns what a camera sees looking past the scene, if that is the same everywhere.
     pub fn constant_radiance(&self) -> Option<Rgb> {
         let seen = self.distant.iter().any(DistantLight::is_visible)

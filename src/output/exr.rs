@@ -132,9 +132,9 @@ fn channels(film: &Film, colours: Colours) -> AnyChannels<FlatSamples> {
     ]
     .into_iter()
     .collect();
-    for (i, name) in film.planes().channels().enumerate() {
+    for (i, name) in film.planes().channels().iter().enumerate() {
         let samples = film.planes().plane(i).collect();
-        list.push(AnyChannel::new(name, FlatSamples::F32(samples)));
+        list.push(AnyChannel::new(&**name, FlatSamples::F32(samples)));
     }
     if colours == Colours::Float {
         list.push(float(DEPTH_WEIGHT, &|p| p.depth_weight));

@@ -9,7 +9,7 @@ use exr::prelude::{
 use super::OutputError;
 use super::attributes::{Identity, Origin};
 use super::exr::{DEPTH_WEIGHT, SAMPLE_COUNT};
-use crate::aov::{Aov, Planes};
+use crate::aov::{Planes, is_channel};
 use crate::film::{Film, Pixel, Region};
 
 /// An EXR as others may have written it.
@@ -165,7 +165,13 @@ pub fn read_part(path: &Path) -> Result<Part, OutputError> {
     }
     let film = Film::from_pixels(size, region, pixels)
         .ok_or_else(|| unreadable(path, "its size contradicts itself".to_owned()))?;
-    let film = film.with_planes(planes(&floats, count.len()));
+    let names = stored
+        .layer_data
+        .channel_data
+        .list
+        .iter()
+        .map(|c| c.name.to_string());
+    let film = film.with_planes(planes(names, &floats, count.len()));
     let origin = Origin::new(stored.layer_data.attributes);
     Ok(Part {
         identity,
@@ -174,12 +180,14 @@ pub fn read_part(path: &Path) -> Result<Part, OutputError> {
     })
 }
 
-/// Reads the output variables of which all channels are there.
-fn planes<'a, E>(floats: &impl Fn(&str) -> Result<&'a [f32], E>, pixel_count: usize) -> Planes {
-    let is_there = |aov: &Aov| aov.channels().iter().all(|name| floats(name).is_ok());
-    let aovs: Vec<Aov> = Aov::ALL.iter().copied().filter(is_there).collect();
-    let mut planes = Planes::new(&aovs, pixel_count);
-    let names: Vec<&str> = planes.channels().collect();
+/// Reads the channels of output variables among `names`.
+fn planes<'a, E>(
+    names: impl Iterator<Item = String>,
+    floats: &impl Fn(&str) -> Result<&'a [f32], E>,
+    pixel_count: usize,
+) -> Planes {
+    let names: Vec<_> = names.filter(|name| is_channel(name)).collect();
+    let mut planes = Planes::new(&names, pixel_count);
     for (c, values) in names.iter().map(|name| floats(name)).enumerate() {
         let values = values.unwrap_or_default();
         for (i, &value) in values.iter().enumerate() {

@@ -21,7 +21,7 @@ use super::load::{LoadOptions, LoadStage, LoadedVolume};
 use super::placement::{Placement, check_placement};
 use super::value::{colour, direction, finite_vector, non_negative_f32, number};
 use super::{Scene, SceneFile};
-use crate::aov::{Aov, channel_count};
+use crate::aov::{self, Aov};
 use crate::cache::is_cache;
 use crate::camera::Camera;
 use crate::field::Field;
@@ -112,7 +112,7 @@ impl SceneFile {
 }
 
 fn check_all(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<Checked> {
-    let resolution = check_resolution(source, &desc.image, max_memory_bytes)?;
+    let resolution = check_resolution(source, desc, max_memory_bytes)?;
     let spp = *desc.render.spp.get_ref();
     if spp == 0 {
         let span = desc.render.spp.span();
@@ -158,8 +158,8 @@ fn check_aovs(source: &Source, desc: &SceneDesc) -> Check<Vec<Aov>> {
     Ok(aovs.clone())
 }
 
-fn check_resolution(source: &Source, image: &ImageDesc, max_memory_bytes: u64) -> Check<[u32; 2]> {
-    let ImageDesc { resolution, aovs } = image;
+fn check_resolution(source: &Source, desc: &SceneDesc, max_memory_bytes: u64) -> Check<[u32; 2]> {
+    let ImageDesc { resolution, aovs } = &desc.image;
     let [width, height] = *resolution.get_ref();
     if [width, height]
         .iter()
@@ -169,8 +169,10 @@ fn check_resolution(source: &Source, image: &ImageDesc, max_memory_bytes: u64) -
         let message = format!("resolution is [{width}, {height}]");
         return Err(source.error(resolution.span(), message, expected));
     }
+    // Sky and sun at most of each, the constant sky and emission.
+    let lights = vec![String::new(); 2 * desc.light.len() + 2];
     // Sums, means, and twice the channel while it is written.
-    let aov_bytes = (8 + 4 + 2 * 4) * channel_count(aovs.get_ref()) as u64;
+    let aov_bytes = (8 + 4 + 2 * 4) * aov::channels(aovs.get_ref(), &lights).len() as u64;
     let bytes = u64::from(width) * u64::from(height) * (BYTES_PER_PIXEL + aov_bytes);
     if bytes > max_memory_bytes {
         let message = format!("an image of {width} by {height} pixels takes {bytes} bytes");
@@ -232,14 +234,6 @@ fn check_volumes(source: &Source, desc: &SceneDesc) -> Check<Vec<CheckedVolume>>
     let mut volumes: Vec<_> = volumes
         .map(|volume| check_volume(source, volume))
         .collect::<Check<_>>()?;
-    let chromatic = volumes.iter().find(|v| v.tint != Rgb::WHITE);
-    if let Some(chromatic) = chromatic
-        && volumes.iter().any(|v| v.emission.is_some())
-    {
-        let message = "an extinction of several colours beside a volume that emits light";
-        let expected = "extinction_color of three equal numbers, or no emission";
-        return Err(source.error(chromatic.at.clone(), message, expected));
-    }
     // What is shared is kept for the one that asks the most of it.
     for i in 0..volumes.len() {
         let sharing = volumes.iter().filter(|v| v.shares_grid_with(&volumes[i]));

@@ -41,7 +41,7 @@ pub use template::SceneTemplate;
 
 use std::path::Path;
 
-use crate::aov::Aov;
+use crate::aov::{self, Aov};
 use crate::camera::Camera;
 use crate::integrator::TransportSettings;
 use crate::light::Lights;
@@ -72,6 +72,13 @@ pub struct Scene {
     pub transport: TransportSettings,
     /// What is written beside the colours.
     pub aovs: Vec<Aov>,
+}
+
+impl Scene {
+    /// Returns the channels that are written beside the colours.
+    pub fn channels(&self) -> Vec<String> {
+        aov::channels(&self.aovs, &self.lights.names())
+    }
 }
 
 /// A scene file's text and what it says at one frame, not yet checked.

@@ -21,7 +21,7 @@ mod settings;
 mod survey;
 pub mod transmittance;
 
-pub use chromatic::{ChromaticFlight, Null};
+pub use chromatic::{ChromaticFlight, Factor};
 pub use expected::ExpectedFlight;
 pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 pub use survey::{BrickShares, Survey};

@@ -219,10 +219,6 @@ fn every_mistake_is_told_where_it_is_and_what_to_do() {
             "albedo = [0.99, 0.99, 0.99]",
             "albedo = [0.99, 0.99, 0.99]\nextinction_color = [1.0, -1.0, 1.0]",
         ),
-        (
-            "albedo = [0.99, 0.99, 0.99]",
-            "extinction_color = [1.0, 0.5, 1.0]\nemission = { grid = \"fire\" }",
-        ),
         ("seed = 0", "seed = 0\ncollision_rate = 0.5"),
         ("seed = 0", "seed = 0\ncollision_rate = nan"),
         ("seed = 0", "seed = 0\nmarch_step = 0.0"),

@@ -2,6 +2,8 @@
 //!
 //! The smallest bias of the image's mean that is seen is printed, and below what the test says.
 
+#![allow(clippy::print_stdout, reason = "what a test can see is printed")]
+
 use majorant::film::Film;
 
 /// Compares two images block by block and as a whole, where a bias of `sees` of the mean is to be seen.

@@ -23,6 +23,7 @@ use majorant::scene::Scene;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
 use majorant::stats::Counts;
+use majorant::tracking::Tracking;
 
 fn grid(tree: Tree<f32>, voxel_size: f64) -> Arc<DensityGrid> {
     let transform = IndexTransform::uniform(voxel_size);
@@ -259,4 +260,95 @@ fn an_even_colour_is_gray() {
         (none.sigma_t_per_density(), none.is_chromatic()),
         (0.0, false)
     );
+}
+
+/// One voxel of an optical depth of 1e6 in a haze of 0.05 a voxel: the channel that meets least sees
+/// 1e2 of the former, or nothing at all.
+///
+/// Flights and expected flights must leave with the transmittance of each channel and collide where
+/// that of each channel falls, in a number of steps that the voxels bound: at 1e6 tentative collisions
+/// a voxel they would take that many.
+#[test]
+fn a_spike_costs_its_voxels_and_no_more() {
+    let range = 0..16 * 16 * 16;
+    let voxels = range.map(|i| (IVec3::new(i / 256, i / 16 % 16, i % 16) - 8, 0.05));
+    let spike = voxels.map(|(p, v)| (p, if p == IVec3::ZERO { 1e6 } else { v }));
+    let gray = Medium::new(
+        grid(Tree::from_voxels(0.0, spike), 1.0),
+        1.0,
+        Rgb::WHITE,
+        Phase::Isotropic,
+    );
+    // Past the spike at a distance of almost a voxel: a depth of some 1, 1e2 and 1e5.
+    for (beside, tint) in [
+        (1.0 - 1e-6, Rgb([1.0, 0.1, 0.0])),
+        (1.0 - 1e-3, Rgb([1.0, 1e-3, 1e-4])),
+        (0.5, Rgb([1.0, 1e-6, 0.0])),
+    ] {
+        let medium = gray.with_extinction_color(tint);
+        let ray = Ray {
+            origin: DVec3::new(-30.0, beside, 0.0),
+            direction: DVec3::X,
+        };
+        // What is left of each channel after this distance, and at the end.
+        let middle = 30.0 - 0.5;
+        let depth = |t_max| {
+            let mut walk = gray.ray(&ray, t_max);
+            let mut depth = 0.0;
+            while walk.next_segment().is_some() {
+                depth += walk.optical_depth(&mut Counts::default());
+            }
+            depth
+        };
+        let left = |t_max| tint.0.map(|tint| (-f64::from(tint) * depth(t_max)).exp());
+        let expected = [left(middle), left(f64::INFINITY)];
+        let (n, tracking) = (200_000, Tracking::default());
+        let mut counts = Counts::default();
+        // [way][place]: weights of what got further.
+        let mut sums = [[[0.0; 3]; 2]; 2];
+        let mut squares = sums;
+        for sample in 0..n {
+            let mut stream = Stream::new(StreamKey {
+                sample,
+                ..StreamKey::default()
+            });
+            let mut weights = Rgb::WHITE;
+            let place = (&medium, &ray, f64::INFINITY);
+            let t =
+                tracking.chromatic_collision(place, &mut weights, None, &mut stream, &mut counts);
+            let flight = tracking.chromatic_flight(&medium, &ray, 0.1, &mut stream, &mut counts);
+            let beyond = |t: f64| if t > middle { 1.0 } else { 0.0 };
+            let by_chance = [
+                weights * t.map_or(1.0, beyond),
+                weights * if t.is_none() { 1.0 } else { 0.0 },
+            ];
+            let later = flight.collision.map_or(Rgb::BLACK, |(t, w)| w * beyond(t));
+            let by_weight = [flight.transmittance + later, flight.transmittance];
+            for (way, found) in [by_chance, by_weight].into_iter().enumerate() {
+                for (place, weights) in found.into_iter().enumerate() {
+                    for (c, x) in weights.0.map(f64::from).into_iter().enumerate() {
+                        sums[way][place][c] += x;
+                        squares[way][place][c] += x * x;
+                    }
+                }
+            }
+        }
+        let n = n as f64;
+        for (way, place, c) in (0..12).map(|i| (i / 6, i / 3 % 2, i % 3)) {
+            let (mean, expected) = (sums[way][place][c] / n, expected[place][c]);
+            let error = ((squares[way][place][c] / n - mean * mean).max(0.0) / n).sqrt();
+            println!(
+                "beside {beside}, way {way}, place {place}, channel {c}: {mean:.5} ± {error:.1e}, \
+                 expected {expected:.5}"
+            );
+            // f32, and bounds of 16 bit around the spike.
+            let off = (mean - expected).abs();
+            assert!(off < 5.0 * error + 1e-4, "{mean} ± {error}, not {expected}");
+            assert!(error < 4e-3, "a bias of 0.02 would be missed: {error}");
+        }
+        let steps = counts.tentative_collisions + counts.voxel_cells;
+        let steps = steps as f64 / n;
+        println!("  {steps:.0} steps for both");
+        assert!(steps < 400.0, "{steps} steps through 16 voxels");
+    }
 }

@@ -5,6 +5,8 @@ mod aovs;
 mod chromatic;
 mod coloured;
 mod emission;
+mod emission_agreement;
+mod emission_oracles;
 mod lights;
 mod skies;
 mod superposition;

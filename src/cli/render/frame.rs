@@ -55,7 +55,7 @@ pub(super) fn render(
         &ready.identity,
         size,
         ready.region,
-        &ready.scene.aovs,
+        &ready.scene.channels(),
         resume,
     );
     watch.begin_frame();

@@ -5,7 +5,6 @@ use std::io::{self, BufReader};
 use std::path::Path;
 use std::time::Instant;
 
-use majorant::aov::Aov;
 use majorant::film::{Accumulation, Checkpoint, CheckpointError, Region};
 use majorant::noise_limit::{enough, pilot};
 use majorant::output::{self, Identity, OutputError};
@@ -35,12 +34,12 @@ impl Work {
         identity: &Identity,
         full_size: [u32; 2],
         region: Region,
-        aovs: &[Aov],
+        channels: &[String],
         resume: Option<&Path>,
     ) -> Self {
         let samples = &identity.samples.ranges()[0];
         let mut work = Self {
-            state: Accumulation::new(full_size, region, samples.start).with_aovs(aovs),
+            state: Accumulation::new(full_size, region, samples.start).with_channels(channels),
             counts: Counts::default(),
             end: samples.end,
             noise_limit: identity.noise_limit,
@@ -79,7 +78,7 @@ impl Work {
             && state.full_size() == self.state.full_size()
             && state.region() == region
             && state.first() == self.state.first()
-            && state.aovs() == self.state.aovs()
+            && state.channels() == self.state.channels()
             && next
                 .iter()
                 .zip(goals)
