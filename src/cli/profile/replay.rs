@@ -381,7 +381,8 @@ impl<'a> Replay<'a> {
         match walk.start {
             _ if !walk.is_shadow => {
                 let mut ray = self.start(walk);
-                black_box(tracking.next_collision(&mut ray, stream, counts));
+                let depth = stream.exponential();
+                black_box(tracking.next_collision(&mut ray, depth, stream, counts));
             }
             Start::Vertex(vertex, direction) => {
                 let Vertex { walk: path, t, .. } = &self.vertices[vertex];
