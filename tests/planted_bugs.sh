@@ -46,6 +46,8 @@ bugs=(
     'colours of a flight forgotten @@ src/integrator/emission.rs @@ medium.emitted(p) * through * (length * weight) @@ medium.emitted(p) * (length * weight) @@ -'
     'settled segments of one colour @@ src/tracking/chromatic/flight.rs @@ None => attenuate(tint, depth), @@ None => Rgb::WHITE, @@ -'
     'a lamp in the group of another @@ src/integrator/parts.rs @@ Source::Lamp(i) => *skies + i, @@ Source::Lamp(_) => *skies, @@ -'
+    'paths not sent to light weigh too little @@ src/integrator/steering.rs @@ let mix = (1.0 - sent) * phase + towards; @@ let mix = phase + towards; @@ -'
+    'directions of light by another density @@ src/emission/lattice.rs @@ (t1 * t1 * t1 - t0 * t0 * t0) / 3.0 @@ (t1 * t1 * t1 - t0 * t0 * t0) / 3.1 @@ -'
     'points along rays start at the first @@ src/emission/lattice.rs @@ f64::from(spacing) * f64::from(u); @@ f64::from(spacing) * f64::from(u) * 0.9; @@ -'
     'black bodies of another colour @@ src/blackbody.rs @@ const STEP: f64 = 5e-9; @@ const STEP: f64 = 5.1e-9; @@ -'
     'samples share a stream @@ src/sampling.rs @@ mix(hash ^ sample.wrapping_add(GOLDEN)) @@ mix(hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'

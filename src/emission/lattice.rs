@@ -4,13 +4,15 @@
 //! estimates what it emits from eight points in it, half by their mean and half by the largest, so
 //! that a small part of it cannot be much brighter than its weight: such parts are fireflies. It is
 //! at least [`LEAST_SHARE`] of the mean of all cells: none is left out for looking dark at eight
-//! points, so whatever uses the weights stays unbiased. Two uses:
+//! points, so whatever uses the weights stays unbiased. Three uses:
 //!
 //! * [`Lattice::sample`]: a point, by cells in proportion to their power.
+//! * [`Lattice::sample_towards`]: a direction, towards such a point of a coarse cell. Its density, the
+//!   integral of that of points times the square of their distance, has a closed form in each cell.
 //! * [`Lattice::for_each_point`]: points along a ray, in proportion to the weights that it crosses,
 //!   at equal steps from a random start: what they add up is an unbiased estimate of an integral.
 //!
-//! Weights are those of 4³ to 16³ cells together for the latter: a walk of some ten steps.
+//! Weights are those of 4³ to 16³ cells together for the latter two: a walk of some ten steps.
 
 use std::ops::ControlFlow;
 
@@ -41,10 +43,23 @@ pub(super) struct Lattice {
     fine: Cells,
     coarse: Cells,
     table: AliasTable,
+    coarse_table: AliasTable,
     /// Density of a point of weight 1, per unit of world volume.
     density_per_weight: f32,
+    /// That of points of coarse cells.
+    coarse_density_per_weight: f64,
     power: f64,
+    spread: Spread,
     typical: Typical,
+}
+
+/// Where the power is, in the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Spread {
+    /// Mean of the points, by power.
+    pub centre: DVec3,
+    /// Mean square of their distances from it.
+    pub radius2: f64,
 }
 
 /// What a line through a point, drawn by power, collects.
@@ -110,6 +125,35 @@ impl Cells {
 
     fn edge(&self) -> f64 {
         f64::from(1 << self.log2)
+    }
+
+    /// Draws a point of the cell at `index`.
+    #[inline] // bench: frame
+    fn point_in(&self, index: usize, stream: &mut Stream) -> DVec3 {
+        let mut uniform = || f64::from(stream.uniform());
+        let inside = DVec3::new(uniform(), uniform(), uniform());
+        (self.cell(index).as_dvec3() + inside) * self.edge()
+    }
+
+    /// Returns where the weights of cells in the index space of `transform` are, in the world.
+    fn spread(&self, transform: &IndexTransform) -> Spread {
+        let to_world = transform.world_from_index();
+        let points = self.weights.iter().enumerate().map(|(i, &weight)| {
+            let middle = (self.cell(i).as_dvec3() + 0.5) * self.edge();
+            (to_world.transform_point3(middle), f64::from(weight))
+        });
+        let (mut sum, mut sum_p, mut sum_p2) = (0.0, DVec3::ZERO, DVec3::ZERO);
+        for (p, weight) in points {
+            sum += weight;
+            sum_p += p * weight;
+            sum_p2 += p * p * weight;
+        }
+        let centre = sum_p / sum;
+        let variance = sum_p2 / sum - centre * centre;
+        Spread {
+            centre,
+            radius2: variance.element_sum().max(0.0),
+        }
     }
 
     /// Visits the pieces of a line in index space that lie in one cell each, from `t` = 0 to
@@ -202,8 +246,14 @@ impl Lattice {
             reason = "a density, to f32's precision"
         )]
         let density_per_weight = (1.0 / (sum * cell_volume)) as f32;
+        let coarse = fine.coarser();
+        let coarse_volume = to_world.matrix3.determinant().abs() * coarse.edge().powi(3);
+        let coarse_sum: f64 = coarse.weights.iter().map(|&w| f64::from(w)).sum();
         let mut lattice = Self {
-            coarse: fine.coarser(),
+            spread: coarse.spread(&transform),
+            coarse_table: AliasTable::new(&coarse.weights)?,
+            coarse_density_per_weight: 1.0 / (coarse_sum * coarse_volume),
+            coarse,
             transform,
             fine,
             table,
@@ -219,6 +269,10 @@ impl Lattice {
     /// Returns the integral of the weight over the world.
     pub(super) fn power(&self) -> f64 {
         self.power
+    }
+
+    pub(super) fn spread(&self) -> Spread {
+        self.spread
     }
 
     pub(super) fn typical(&self) -> Typical {
@@ -262,12 +316,36 @@ impl Lattice {
     #[inline] // bench: frame
     pub(super) fn sample(&self, stream: &mut Stream) -> (DVec3, f32) {
         let index = self.table.index(stream.bits());
-        let mut uniform = || f64::from(stream.uniform());
-        let inside = DVec3::new(uniform(), uniform(), uniform());
-        let p = (self.fine.cell(index).as_dvec3() + inside) * self.fine.edge();
+        let p = self.fine.point_in(index, stream);
         let to_world = self.transform.world_from_index();
         let density = self.fine.weights[index] * self.density_per_weight;
         (to_world.transform_point3(p), density)
+    }
+
+    /// Draws a direction from `origin`, towards a point of the coarse cells.
+    #[inline] // bench: frame
+    pub(super) fn sample_towards(&self, origin: DVec3, stream: &mut Stream) -> DVec3 {
+        let index = self.coarse_table.index(stream.bits());
+        let p = self.coarse.point_in(index, stream);
+        let to_world = self.transform.world_from_index();
+        // A point at the origin has a probability of zero, or next to it.
+        (to_world.transform_point3(p) - origin).normalize_or(DVec3::Z)
+    }
+
+    /// Returns the density of [`sample_towards`](Self::sample_towards) per unit of solid angle, from
+    /// the origin of `ray` in its direction.
+    #[inline] // bench: frame
+    pub(super) fn pdf_towards(&self, ray: &Ray) -> f32 {
+        let mut sum = 0.0;
+        self.coarse
+            .for_each_piece(self.line(ray), f64::INFINITY, |t0, t1, weight| {
+                // ∫ t² dt
+                sum += f64::from(weight) * (t1 * t1 * t1 - t0 * t0 * t0) / 3.0;
+                ControlFlow::Continue(())
+            });
+        #[expect(clippy::cast_possible_truncation, reason = "a density")]
+        let pdf = (sum * self.coarse_density_per_weight) as f32;
+        pdf
     }
 
     /// Returns the density of [`sample`](Self::sample) at a point in world space.

@@ -3,7 +3,7 @@
 //! * [`Glow`]: emitted radiance per unit length at a point, given by a grid, or by a temperature and
 //!   the absorption of the medium.
 //! * [`Emission`]: that in place, with a lattice of its power, from which points are drawn as of a
-//!   light, and along rays.
+//!   light, and along rays, and directions.
 //!
 //! The absorption is the medium's business and handed in. No rays through media here.
 
@@ -16,6 +16,7 @@ use glam::DVec3;
 
 pub use glow::{Glow, Law};
 use lattice::Lattice;
+pub use lattice::Spread;
 
 use crate::sampling::Stream;
 use crate::space::{Aabb, Ray};
@@ -57,6 +58,11 @@ impl Emission {
         self.lattice.power()
     }
 
+    /// Returns where that power is, about.
+    pub fn spread(&self) -> Spread {
+        self.lattice.spread()
+    }
+
     /// Returns the radiance, about, of a line through a point that emits much.
     pub fn typical_radiance(&self) -> f32 {
         self.lattice.typical().radiance
@@ -86,6 +92,19 @@ impl Emission {
     #[inline] // bench: frame
     pub fn pdf_point(&self, p_world: DVec3) -> f32 {
         self.lattice.pdf(p_world)
+    }
+
+    /// Draws a direction from `origin`, in world space, towards where much is emitted.
+    #[inline] // bench: frame
+    pub fn sample_towards(&self, origin: DVec3, stream: &mut Stream) -> DVec3 {
+        self.lattice.sample_towards(origin, stream)
+    }
+
+    /// Returns the density of [`sample_towards`](Self::sample_towards) per unit of solid angle, from
+    /// the origin of `ray` in its direction.
+    #[inline] // bench: frame
+    pub fn pdf_towards(&self, ray: &Ray) -> f32 {
+        self.lattice.pdf_towards(ray)
     }
 
     /// Visits points of `ray` up to `t_max`, in order, each with a length: the sum of what is found
@@ -185,6 +204,65 @@ mod tests {
             p > 1e-4,
             "chi-square {chi2} of {freedom} degrees of freedom, p {p}"
         );
+    }
+
+    /// Chi-square of 2²⁰ directions, from beside the box and from within, in 24 × 48 bins of the sphere
+    /// against the density, integrated by 256 midpoints a bin: a bias of 2 % in a tenth of the
+    /// directions shifts the statistic by 8 standard deviations.
+    #[test]
+    fn directions_follow_their_density() {
+        const BINS: [u32; 2] = [24, 48];
+        const FINER: u32 = 16;
+        let (emission, map) = emission();
+        let n = 1 << 20;
+        for from in [DVec3::new(-14.0, 9.0, 20.0), DVec3::new(11.0, 14.0, 9.0)] {
+            let origin = map.transform_point3(from);
+            let mut stream = Stream::new(StreamKey::default());
+            let mut counts = vec![0.0; (BINS[0] * BINS[1]) as usize];
+            for _ in 0..n {
+                let d = emission.sample_towards(origin, &mut stream);
+                let turn = (d.y.atan2(d.x) / std::f64::consts::TAU).rem_euclid(1.0);
+                let bin = |x: f64, bins: u32| (x * f64::from(bins)).min(f64::from(bins) - 0.5);
+                let (row, column) = (bin((d.z + 1.0) / 2.0, BINS[0]), bin(turn, BINS[1]));
+                counts[row as usize * BINS[1] as usize + column as usize] += 1.0;
+            }
+            let [rows, columns] = BINS.map(|bins| bins * FINER);
+            let solid_angle = 4.0 * std::f64::consts::PI / f64::from(rows * columns);
+            let mut expected = vec![0.0; counts.len()];
+            for i in 0..rows * columns {
+                let z = 2.0 * (f64::from(i / columns) + 0.5) / f64::from(rows) - 1.0;
+                let turn = (f64::from(i % columns) + 0.5) / f64::from(columns);
+                let (sin, cos) = (std::f64::consts::TAU * turn).sin_cos();
+                let r = (1.0 - z * z).sqrt();
+                let direction = DVec3::new(r * cos, r * sin, z);
+                let pdf = emission.pdf_towards(&Ray { origin, direction });
+                let bin = i / columns / FINER * BINS[1] + i % columns / FINER;
+                expected[bin as usize] += f64::from(n) * solid_angle * f64::from(pdf);
+            }
+            let total: f64 = expected.iter().sum();
+            assert!(
+                (total / f64::from(n) - 1.0).abs() < 1e-3,
+                "the density integrates to 1: {total}"
+            );
+            // Bins of a handful are no normal numbers; they are counted as one.
+            let bins = counts.iter().copied().zip(expected);
+            let (many, few): (Vec<_>, Vec<_>) = bins.partition(|(_, e)| *e >= 20.0);
+            let rest = few
+                .iter()
+                .fold((0.0, 0.0), |(c, e), (count, of)| (c + count, e + of));
+            let cells = many.iter().chain((rest.1 >= 20.0).then_some(&rest));
+            assert!(
+                rest.0 < rest.1 + 5.0 * rest.1.max(1.0).sqrt(),
+                "rare bins: {rest:?}"
+            );
+            let chi2: f64 = cells.clone().map(|(c, e)| (c - e).powi(2) / e).sum();
+            let freedom = cells.count() as f64 - 1.0;
+            let p = 1.0 - ChiSquared::new(freedom).expect("cells").cdf(chi2);
+            assert!(
+                p > 1e-4,
+                "from {from}: chi-square {chi2} of {freedom} degrees of freedom, p {p}"
+            );
+        }
     }
 
     /// Sums over points along lines against the integral in steps of a fiftieth of a voxel.

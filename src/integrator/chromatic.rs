@@ -11,12 +11,11 @@
 //! Light that media emit along a flight has the weights that the flight has where it is, so the
 //! flight keeps a list of what it multiplies them by; nothing is listed where nothing emits.
 
-use glam::DVec3;
-
 use super::media::{Media, Tracked};
 use super::parts::{Gather, Source, gathered};
 use super::path::{LEAST_BELIEF, LEAST_EMITTED, ROULETTE_WEIGHT, least_contribution, usual_worth};
 use super::primary::{ANALOG_BELOW, SURVIVAL};
+use super::steering::{MOST_STEERING, Onward};
 use super::surroundings::{Event, Flight, meet_maps};
 use super::{Context, PathSample};
 use crate::medium::Medium;
@@ -182,7 +181,8 @@ fn scattered_radiance<G: Gather>(
     };
     let mut radiance = G::of(lights);
     radiance.meet(medium, ray.at(t), mean(throughput));
-    let mut importance = 1.0;
+    // What the throughput is worth: for the next event, and from there on.
+    let (mut importance, mut steering) = (1.0, 1.0);
     let mut bounces = 0;
     let mut factors = Vec::new();
     loop {
@@ -191,7 +191,7 @@ fn scattered_radiance<G: Gather>(
         }
         throughput *= medium.albedo_at(ray.at(t));
         bounces += 1;
-        let worth = throughput.max_channel() * importance;
+        let worth = throughput.max_channel() * importance * steering;
         if worth < roulette_weight {
             if stream.uniform() * roulette_weight >= worth {
                 counts.roulette_kills += 1;
@@ -207,17 +207,15 @@ fn scattered_radiance<G: Gather>(
             throughput,
         };
         let found = (&mut radiance, bounces);
-        let next = collect(context, &event, &ray, found, stream, counts);
-        let next = next.map(|guided| {
-            throughput *= guided.weight;
-            importance = guided.importance;
-            guided.direction
-        });
+        let onward = collect(context, (&event, steering), &ray, found, stream, counts);
+        throughput *= onward.weight;
+        importance = onward.importance;
+        steering = (steering * onward.steering).min(MOST_STEERING);
         counts.scattered_rays += 1;
         let previous = ray;
         ray = Ray {
             origin: event.p,
-            direction: next.unwrap_or_else(|| medium.phase().sample(ray.direction, stream)),
+            direction: onward.direction,
         };
         if let Some(lamps) = lamps
             && settings.max_bounces != Some(bounces)
@@ -232,7 +230,7 @@ fn scattered_radiance<G: Gather>(
         let further = media.chromatic_collision(&ray, &mut throughput, list, stream, counts);
         let end = further.map_or(f64::INFINITY, |(t, _)| t);
         if !emitters.is_empty() {
-            let worth = (phase, before.max_channel());
+            let worth = (phase, before.max_channel() * steering);
             let light = emitters.along(&ray, (end, &factors), worth, stream, counts);
             radiance.add(before * light, bounces, Source::Emission);
         }
@@ -256,23 +254,16 @@ fn scattered_radiance<G: Gather>(
     }
 }
 
-/// A direction that the guide has chosen.
-struct Guided {
-    direction: DVec3,
-    weight: f32,
-    importance: f32,
-}
-
 /// Adds what arrives at `event`, which `segment` has led to, and is scattered towards the camera;
-/// returns where the path goes on, if the guide has a say in it.
+/// returns how the path goes on.
 fn collect(
     context: &Context<'_>,
-    event: &Event<'_, '_>,
+    (event, steering): (&Event<'_, '_>, f32),
     segment: &Ray,
     (radiance, order): (&mut impl Gather, u32),
     stream: &mut Stream,
     counts: &mut Counts,
-) -> Option<Guided> {
+) -> Onward {
     let Context {
         media,
         lights,
@@ -289,27 +280,31 @@ fn collect(
         } else {
             0.0
         };
-        let light = emitters.at_event(event, least, stream, counts);
+        let light = emitters.at_event(event, (least, steering), stream, counts);
         radiance.add(light, order, Source::Emission);
     }
-    let guide = guide.as_ref()?;
-    let beliefs = guide.beliefs(guide.position_of(media, event.p));
-    let least = least_contribution(context);
-    let worth = |i| {
-        if levers.light_roulette {
-            guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
-        } else {
-            f32::MAX
+    let mut guided = None;
+    if let Some(guide) = guide {
+        let beliefs = guide.beliefs(guide.position_of(media, event.p));
+        let least = least_contribution(context);
+        let worth = |i| {
+            if levers.light_roulette {
+                guide.believed_root(i, &beliefs).max(LEAST_BELIEF) / least
+            } else {
+                f32::MAX
+            }
+        };
+        event.suns(lights, worth, (radiance, order), stream, counts);
+        if levers.guide {
+            guided = Some(guide.sample(event.phase, &beliefs, event.arrived, stream));
         }
+    }
+    let usual = |stream: &mut Stream| {
+        guided.unwrap_or_else(|| Onward::usual(event.phase.sample(event.arrived, stream)))
     };
-    event.suns(lights, worth, (radiance, order), stream, counts);
-    levers.guide.then(|| {
-        let (direction, weight, importance) =
-            guide.sample(event.phase, &beliefs, event.arrived, stream);
-        Guided {
-            direction,
-            weight,
-            importance,
-        }
-    })
+    if emitters.is_empty() {
+        usual(stream)
+    } else {
+        emitters.steer(event.p, |direction| event.phase(direction), usual, stream)
+    }
 }

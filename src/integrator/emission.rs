@@ -16,8 +16,9 @@
 //! ```
 //!
 //! where `length` is how long the emission is along a typical line. The first is not the exact
-//! density, since rays are steered towards suns and points lie along them in proportion to weights;
-//! it is a function of vertex and point alone, and so any such weights add up to the whole.
+//! density, since rays are steered towards suns and emission and points lie along them in proportion to
+//! weights; it is a function of vertex and point alone, and so any such weights add up to the whole.
+//! Paths that `steering` sends towards the emission are there for what its own medium scatters.
 //!
 //! A camera ray has the first only, with an estimate of the transmittance in place of a collision.
 
@@ -27,7 +28,7 @@ use glam::DVec3;
 
 use super::media::Media;
 use super::surroundings::Event;
-use crate::emission::Emission;
+use crate::emission::{Emission, Spread};
 use crate::medium::Medium;
 use crate::sampling::Stream;
 use crate::space::Ray;
@@ -44,6 +45,9 @@ const PATH_POINTS: f32 = 2.0;
 /// Weights of paths below which points along them become fewer.
 const LEAST_WEIGHT: f32 = 0.05;
 
+/// Distance, in radii of an emission, at which it is half as remote as from afar.
+const HALF_DISTANCE: f64 = 3.0;
+
 /// Transmittances of camera rays below which roulette is played.
 const LEAST_TRANSMITTANCE: f32 = 0.01;
 
@@ -51,14 +55,16 @@ const LEAST_TRANSMITTANCE: f32 = 0.01;
 #[derive(Debug)]
 pub(super) struct Emitters<'a> {
     all: Vec<Emitter<'a>>,
-    /// Whether points are drawn as of a light.
-    are_lights: bool,
+    /// Whether points are drawn as of a light, and paths sent there.
+    pub(super) are_lights: bool,
+    /// Typical radiance of all other lights.
+    pub(super) other_radiance: f32,
 }
 
 #[derive(Clone, Copy, Debug)]
-struct Emitter<'a> {
+pub(super) struct Emitter<'a> {
     medium: &'a Medium,
-    emission: &'a Emission,
+    pub(super) emission: &'a Emission,
     /// Probability of being drawn from as a light.
     share: f32,
 }
@@ -74,7 +80,7 @@ pub(super) struct LightPoint {
 }
 
 impl<'a> Emitters<'a> {
-    pub(super) fn new(media: &'a [Medium], are_lights: bool) -> Self {
+    pub(super) fn new(media: &'a [Medium], other_radiance: f32, are_lights: bool) -> Self {
         let emitting = media.iter().filter_map(|m| Some((m, m.emission()?)));
         let power: f64 = emitting.clone().map(|(_, e)| e.power()).sum();
         #[expect(clippy::cast_possible_truncation, reason = "a probability")]
@@ -86,7 +92,28 @@ impl<'a> Emitters<'a> {
         Self {
             all: all.collect(),
             are_lights,
+            other_radiance,
         }
+    }
+
+    /// Returns the sum of what `of` says of each.
+    #[inline] // bench: frame
+    pub(super) fn sum(&self, of: impl FnMut(&Emitter<'a>) -> f32) -> f32 {
+        self.all.iter().map(of).sum()
+    }
+
+    /// Picks one of them by the uniform number `u`; `None` beyond the sum of their chances.
+    pub(super) fn pick(
+        &self,
+        mut u: f32,
+        chance: impl Fn(&Emitter<'a>) -> f32,
+    ) -> Option<&Emitter<'a>> {
+        self.all.iter().find(|emitter| {
+            let chance = chance(emitter);
+            let is_it = u < chance;
+            u -= chance;
+            is_it
+        })
     }
 
     #[inline] // bench: frame
@@ -202,12 +229,12 @@ impl<'a> Emitters<'a> {
     }
 
     /// Returns an unbiased estimate of emitted light that scatters at `event` towards the camera, from
-    /// a point drawn as of a light. Throughputs, and what is left of them on the way, play roulette
-    /// below `least`.
+    /// a point drawn as of a light. Throughputs times `steering`, and what is left of them on the way,
+    /// play roulette below `least`.
     pub(super) fn at_event(
         &self,
         event: &Event<'_, '_>,
-        least: f32,
+        (least, steering): (f32, f32),
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Rgb {
@@ -221,7 +248,7 @@ impl<'a> Emitters<'a> {
             return Rgb::BLACK;
         }
         // What a contribution of 1 is worth such that roulette goes by the throughput alone.
-        let worth = event.throughput.max_channel() / (least * unoccluded.max_channel());
+        let worth = event.throughput.max_channel() * steering / (least * unoccluded.max_channel());
         let to = (point.direction, point.distance);
         event.collect(to, unoccluded, worth, stream, counts)
     }
@@ -238,17 +265,13 @@ impl<'a> Emitters<'a> {
         if !self.are_lights {
             return None;
         }
-        let mut chosen = self.all.last()?;
-        if self.all.len() > 1 {
-            let mut u = stream.uniform();
-            for emitter in &self.all {
-                if u < emitter.share {
-                    chosen = emitter;
-                    break;
-                }
-                u -= emitter.share;
-            }
-        }
+        let last = self.all.last()?;
+        let chosen = if self.all.len() > 1 {
+            // None: the shares' sum is rounded below 1.
+            self.pick(stream.uniform(), |e| e.share).unwrap_or(last)
+        } else {
+            last
+        };
         let (p, density) = chosen.emission.sample_point(stream);
         counts.emission_lookups += 1;
         let emitted = chosen.medium.emitted(p);
@@ -274,6 +297,27 @@ impl<'a> Emitters<'a> {
 }
 
 impl Emitter<'_> {
+    /// Returns a radiance that is typical of what this makes of a white medium at a point, with
+    /// nothing in between.
+    #[inline] // bench: frame
+    pub(super) fn radiance_at(&self, p: DVec3) -> f32 {
+        let Spread { centre, radius2 } = self.emission.spread();
+        let sphere = 4.0 * std::f64::consts::PI * ((p - centre).length_squared() + radius2);
+        #[expect(clippy::cast_possible_truncation, reason = "an importance")]
+        let radiance = (self.emission.power() / sphere) as f32;
+        radiance
+    }
+
+    /// Returns 0 in the middle of the emission, 1/2 at `HALF_DISTANCE` of its radii and 1 from afar.
+    #[inline] // bench: frame
+    pub(super) fn remoteness(&self, p: DVec3) -> f32 {
+        let Spread { centre, radius2 } = self.emission.spread();
+        let distance2 = (p - centre).length_squared();
+        #[expect(clippy::cast_possible_truncation, reason = "a number in [0, 1]")]
+        let remoteness = (distance2 / (distance2 + HALF_DISTANCE * HALF_DISTANCE * radius2)) as f32;
+        remoteness
+    }
+
     /// Returns the share of a point's light that is found by drawing it as of a light, from
     /// `distance` away where `phase` is the density of scattering towards it.
     #[inline] // bench: frame

@@ -26,6 +26,7 @@ use std::f32::consts::FRAC_1_SQRT_2;
 use glam::{DAffine3, DVec3, Vec3};
 
 use super::media::Media;
+use super::steering::Onward;
 use crate::light::Lights;
 use crate::medium::{LightColumns, Medium, MediumRay};
 use crate::phase::Phase;
@@ -202,16 +203,16 @@ impl Guide {
     }
 
     /// Draws a direction of propagation after scattering, where `beliefs` are held, out of
-    /// `direction`; returns it with its weight and its importance, 1 or more.
+    /// `direction`.
     pub(super) fn sample(
         &self,
         phase: Phase,
         beliefs: &Beliefs,
         direction: DVec3,
         stream: &mut Stream,
-    ) -> (DVec3, f32, f32) {
+    ) -> Onward {
         if !Self::steers(phase) {
-            return (phase.sample(direction, stream), 1.0, 1.0);
+            return Onward::usual(phase.sample(direction, stream));
         }
         let lobes = self.suns.iter().enumerate().map(|(i, sun)| {
             // Light that arrives after one or two more scatterings comes from a wider cone,
@@ -221,7 +222,7 @@ impl Guide {
             (sun.direction, [sun.share * half, sun.share * eighth])
         });
         if !lobes.clone().any(|(_, [_, wide])| wide > LEAST_WEIGHT) {
-            return (phase.sample(direction, stream), 1.0, 1.0);
+            return Onward::usual(phase.sample(direction, stream));
         }
         let g = phase.mean_cosine();
         let (s, t) = orthonormal_frame(direction);
@@ -242,7 +243,12 @@ impl Guide {
         // angle their squares' sum no better.
         let v = v * (1.5 - 0.5 * v.length_squared());
         let v = v * (1.5 - 0.5 * v.length_squared());
-        (v, weight, importance[chosen])
+        Onward {
+            direction: v,
+            weight,
+            importance: importance[chosen],
+            steering: 1.0,
+        }
     }
 }
 
@@ -400,8 +406,9 @@ mod tests {
                 let (mut sum, mut square) = ([0.0; 5], [0.0; 5]);
                 let mut weights_vary = false;
                 for _ in 0..n {
-                    let (d, w, _) =
-                        guide.sample(phase, &guide.beliefs(DVec3::ZERO), direction, &mut stream);
+                    let beliefs = guide.beliefs(DVec3::ZERO);
+                    let onward = guide.sample(phase, &beliefs, direction, &mut stream);
+                    let (d, w) = (onward.direction, onward.weight);
                     weights_vary |= w != 1.0;
                     let towards = d.dot(suns[0]).powi(2);
                     let w = f64::from(w);

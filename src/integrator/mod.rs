@@ -20,6 +20,7 @@ mod media;
 mod parts;
 mod path;
 mod primary;
+mod steering;
 mod surroundings;
 
 use schemars::JsonSchema;
@@ -112,7 +113,7 @@ pub struct Levers {
     pub path_roulette: bool,
     /// Light of points and spheres is also looked for where a segment passes near them.
     pub equiangular: bool,
-    /// Points of media that emit are sampled as a light is, and not by chance alone.
+    /// Points of media that emit are sampled as a light is, and paths sent there, and not by chance alone.
     pub emission_light: bool,
 }
 
@@ -173,7 +174,11 @@ impl<'a> Context<'a> {
             media: Media::new(tracked.collect()),
             lights,
             settings,
-            emitters: Emitters::new(media, settings.levers.emission_light),
+            emitters: Emitters::new(
+                media,
+                lights.typical_radiance(),
+                settings.levers.emission_light,
+            ),
             guide: (guided && scatters).then(|| Guide::new(media, lights)),
             lamps: Lamps::new(media, lights, settings.levers.equiangular),
             kernel: if media.iter().any(Medium::is_chromatic) {

@@ -2,10 +2,10 @@
 //!
 //! At each collision the path collects every sun's light through an estimate of the
 //! transmittance, and goes on in a direction drawn from the phase function or, near a sun, from
-//! a choice of several (see `guide`). Where it leaves the medium it collects the sky: all of what is
-//! the same from everywhere, and its share of an image's (see `surroundings`). A sun's disk is seen
-//! by camera rays only, since scattered paths have it from their last collision. What media emit is
-//! found in both ways (see `emission`).
+//! a choice of several (see `guide`), or towards what media emit (see `steering`). Where it leaves
+//! the medium it collects the sky: all of what is the same from everywhere, and its share of an
+//! image's (see `surroundings`). A sun's disk is seen by camera rays only, since scattered paths have
+//! it from their last collision. What media emit is found in both ways (see `emission`).
 //!
 //! Absorption multiplies the weight by the albedo; nothing else ends a path but leaving and
 //! roulette below [`ROULETTE_WEIGHT`]. There is no cap on the number of bounces unless the
@@ -18,6 +18,7 @@ use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
 use super::parts::{Gather, Source};
 use super::primary::Kernel;
+use super::steering::{MOST_STEERING, Onward};
 use super::surroundings::{Event, Flight, Lamps, meet_maps};
 use super::{Context, Levers};
 use crate::light::DistantLight;
@@ -120,7 +121,8 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
     let mut segment = *ray;
     let mut radiance = G::of(lights);
     let mut throughput = Rgb::splat(weight);
-    let mut importance = 1.0;
+    // What the throughput is worth: for the next event, and from there on.
+    let (mut importance, mut steering) = (1.0, 1.0);
     let mut bounces = 0;
     let Met {
         mut index,
@@ -136,7 +138,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         throughput *= walk.albedo(t);
         bounces += 1;
 
-        let worth = throughput.max_channel() * importance;
+        let worth = throughput.max_channel() * importance * steering;
         if worth < roulette_weight {
             if stream.uniform() * roulette_weight >= worth {
                 counts.roulette_kills += 1;
@@ -153,7 +155,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             direction,
             throughput,
         };
-        let mut next = None;
+        let mut guided = None;
         if let Some(guide) = guide {
             let beliefs = guide.beliefs(guide.position(&walk, t));
             for (i, sun) in lights.distant.iter().enumerate() {
@@ -166,11 +168,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                 radiance.add(light, bounces, Source::Sun(i));
             }
             if steer {
-                let (guided, weight, guided_importance) =
-                    guide.sample(medium.phase(), &beliefs, direction, stream);
-                throughput *= weight;
-                importance = guided_importance;
-                next = Some(guided);
+                guided = Some(guide.sample(medium.phase(), &beliefs, direction, stream));
             }
         }
         if has_surroundings {
@@ -185,12 +183,24 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         }
         if !emitters.is_empty() {
             let least = if light_roulette { LEAST_EMITTED } else { 0.0 };
-            let light = vertex.emitted_light(emitters, least, stream, counts);
+            let light = vertex.emitted_light(emitters, (least, steering), stream, counts);
             radiance.add(light, bounces, Source::Emission);
         }
         counts.scattered_rays += 1;
         let arrived = direction;
-        direction = next.unwrap_or_else(|| medium.phase().sample(direction, stream));
+        let usual = |stream: &mut Stream| {
+            guided.unwrap_or_else(|| Onward::usual(medium.phase().sample(arrived, stream)))
+        };
+        let onward = if emitters.is_empty() {
+            usual(stream)
+        } else {
+            let phase = |direction| medium.phase().eval(arrived.dot(direction));
+            emitters.steer(walk.world_position(t), phase, usual, stream)
+        };
+        direction = onward.direction;
+        throughput *= onward.weight;
+        importance = onward.importance;
+        steering = (steering * onward.steering).min(MOST_STEERING);
         walk.turn(t, direction, f64::INFINITY);
         let previous = segment;
         if let Some(lamps) = lamps {
@@ -220,7 +230,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             end = nearer.as_ref().map_or(end, |met| met.t);
             if !emitters.is_empty() {
                 let phase = medium.phase().eval(arrived.dot(direction));
-                let worth = (phase, throughput.max_channel());
+                let worth = (phase, throughput.max_channel() * steering);
                 let light = throughput * emitters.along(&ray, (end, &[]), worth, stream, counts);
                 radiance.add(light, bounces, Source::Emission);
             }
@@ -302,15 +312,16 @@ impl Vertex<'_, '_> {
     }
 
     /// Returns an unbiased estimate of emitted light that scatters here towards the camera, from a
-    /// point drawn as of a light. Throughputs and transmittances below `least` play roulette.
+    /// point drawn as of a light. Throughputs times `steering`, and transmittances, play roulette
+    /// below `least`.
     fn emitted_light(
         &self,
         emitters: &Emitters<'_>,
-        least: f32,
+        (least, steering): (f32, f32),
         stream: &mut Stream,
         counts: &mut Counts,
     ) -> Rgb {
-        let worth = self.throughput.max_channel();
+        let worth = self.throughput.max_channel() * steering;
         if worth < least && stream.uniform() * least >= worth {
             return Rgb::BLACK;
         }

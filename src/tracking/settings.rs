@@ -188,7 +188,8 @@ impl Tracking {
     /// rest, chosen by `number`, uniform in [0, 1).
     ///
     /// What is left below the weight `analog_below`, in [0, 1], goes on by
-    /// [`sample_collision`](Self::sample_collision).
+    /// [`sample_collision`](Self::sample_collision). The first depths are those of `stream`'s sequence,
+    /// if it has one: to be drawn once a path.
     ///
     /// # Cost
     /// See [`ExpectedFlight`].

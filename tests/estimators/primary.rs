@@ -21,7 +21,7 @@ use majorant::light::{DistantLight, Lights};
 use majorant::medium::Medium;
 use majorant::phase::Phase;
 use majorant::render::{NoProgress, Rendered, render};
-use majorant::sampling::{SamplerKind, Stream, StreamKey};
+use majorant::sampling::{Number, PixelStreams, SamplerKind, Stream, StreamKey};
 use majorant::scene::Scene;
 use majorant::silhouette::Silhouette;
 use majorant::space::{IndexTransform, Ray};
@@ -150,15 +150,15 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             "{name}: all is between {start} and {end}"
         );
         for (k, (below, tracking)) in runs.iter().enumerate() {
-            let mut stream = Stream::new(StreamKey {
-                seed: 1 + k as u64,
-                ..StreamKey::default()
-            });
             let mut counts = Counts::default();
             let n = 1 << 16;
             let (mut sum, mut square) = ([0.0; CELLS + 1], [0.0; CELLS + 1]);
-            for _ in 0..n {
-                let choice = (*below, stream.uniform());
+            for pixel in 0..n {
+                // A sample of a pixel, as a frame draws it: the numbers of its sequence are
+                // independent among pixels.
+                let streams = PixelStreams::new(1 + k as u64, 0, pixel, SamplerKind::Sobol);
+                let mut stream = streams.stream(5);
+                let choice = (*below, stream.number(Number::Collision));
                 let flight =
                     tracking.expected_flight(&medium, &ray, choice, &mut stream, &mut counts);
                 let through = f64::from(flight.transmittance);
@@ -175,7 +175,7 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             }
             assert_eq!(counts.bound_violations, 0, "bounds hold");
             for i in 0..=CELLS {
-                let n = f64::from(n);
+                let n = n as f64;
                 let mean = sum[i] / n;
                 let error = ((square[i] / n - mean * mean) / n).sqrt();
                 // Less than a collision in all is not seen, nor its error known.
