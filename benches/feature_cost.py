@@ -26,8 +26,8 @@ FEW, MORE = 16, 80
 # name: (files, what its lines say)...
 FEATURES = {
     "emission": [
-        ("src/integrator/(path|primary).rs", "emitters|Emission"),
-        ("src/integrator/emission.rs", ""),
+        ("src/integrator/(path|primary).rs", "emitters|Emission|steering"),
+        ("src/integrator/(emission|steering).rs", ""),
     ],
     "several volumes": [
         ("src/integrator/path.rs", "are_several|nearer|except"),

@@ -7,7 +7,8 @@
 Counters are part of every render. To say what they cost, the copy has the lines deleted that count in rays
 (but for camera rays, by which a render knows its end); build it, and name its program by --uncounted. Prints a
 table as docs/performance.md has it. Instructions are those of 21 samples of 24 by 14 pixels less those of 5,
-without loading: with passes of 1, 4 and 16 samples that no clock decides. Needs Python 3.9 and valgrind.
+without loading: with passes of 1, 4 and 16 samples that no clock decides. Times are those of whole runs of 384 by
+216 pixels and as many samples as take --secs, in pairs. Needs Python 3.9 and valgrind.
 """
 import argparse
 import re
@@ -52,7 +53,7 @@ def instructions(program, scene, spp, folder, options):
 def cpu_secs(program, scene, spp, folder, options):
     import resource
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command(program, scene, "96x54", spp, folder, options), check=True)
+    subprocess.run(command(program, scene, "384x216", spp, folder, options), check=True)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -64,6 +65,7 @@ def main():
     parser.add_argument("--uncounted")
     parser.add_argument("--make-uncounted", type=Path)
     parser.add_argument("--pairs", type=int, default=10)
+    parser.add_argument("--secs", type=float, default=2)
     parser.add_argument("--spp", type=int, nargs=2, default=[5, 21])
     args = parser.parse_args()
     if args.make_uncounted:
@@ -81,6 +83,8 @@ def main():
     for scene in scenes:
         with tempfile.TemporaryDirectory() as folder:
             base = None
+            trial = cpu_secs(runs[0][1], scene, 16, folder, [])
+            spp = max(1, round(16 * args.secs / trial))
             for name, program, options in runs:
                 counts = [instructions(program, scene, n, folder, options) for n in (few, many)]
                 rays = counts[1] - counts[0]
@@ -91,7 +95,7 @@ def main():
                     secs = {}
                     for which in order:
                         _, p, o = [runs[0], (name, program, options)][which]
-                        secs[which] = cpu_secs(p, scene, 2 * many, folder, o)
+                        secs[which] = cpu_secs(p, scene, spp, folder, o)
                     ratios.append(secs[1] / secs[0])
                 error = statistics.stdev(ratios) / len(ratios) ** 0.5 if len(ratios) > 1 else float("nan")
                 change = 100 * (statistics.mean(ratios) - 1)

@@ -15,7 +15,7 @@ use super::media::{Media, Tracked};
 use super::parts::{Gather, Source, gathered};
 use super::path::{LEAST_BELIEF, LEAST_EMITTED, ROULETTE_WEIGHT, least_contribution, usual_worth};
 use super::primary::{ANALOG_BELOW, SURVIVAL};
-use super::steering::{MOST_STEERING, Onward};
+use super::steering::Onward;
 use super::surroundings::{Event, Flight, meet_maps};
 use super::{Context, PathSample};
 use crate::medium::Medium;
@@ -207,10 +207,16 @@ fn scattered_radiance<G: Gather>(
             throughput,
         };
         let found = (&mut radiance, bounces);
-        let onward = collect(context, (&event, steering), &ray, found, stream, counts);
+        let onward = collect(
+            context,
+            (&event, &mut steering),
+            &ray,
+            found,
+            stream,
+            counts,
+        );
         throughput *= onward.weight;
         importance = onward.importance;
-        steering = (steering * onward.steering).min(MOST_STEERING);
         counts.scattered_rays += 1;
         let previous = ray;
         ray = Ray {
@@ -258,7 +264,7 @@ fn scattered_radiance<G: Gather>(
 /// returns how the path goes on.
 fn collect(
     context: &Context<'_>,
-    (event, steering): (&Event<'_, '_>, f32),
+    (event, steering): (&Event<'_, '_>, &mut f32),
     segment: &Ray,
     (radiance, order): (&mut impl Gather, u32),
     stream: &mut Stream,
@@ -280,7 +286,7 @@ fn collect(
         } else {
             0.0
         };
-        let light = emitters.at_event(event, (least, steering), stream, counts);
+        let light = emitters.at_event(event, (least, *steering), stream, counts);
         radiance.add(light, order, Source::Emission);
     }
     let mut guided = None;
@@ -305,6 +311,12 @@ fn collect(
     if emitters.is_empty() {
         usual(stream)
     } else {
-        emitters.steer(event.p, |direction| event.phase(direction), usual, stream)
+        emitters.steer(
+            event.p,
+            |direction| event.phase(direction),
+            usual,
+            steering,
+            stream,
+        )
     }
 }

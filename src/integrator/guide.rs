@@ -247,7 +247,6 @@ impl Guide {
             direction: v,
             weight,
             importance: importance[chosen],
-            steering: 1.0,
         }
     }
 }

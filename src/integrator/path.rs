@@ -18,7 +18,7 @@ use super::emission::Emitters;
 use super::media::{Media, Met, ray_from};
 use super::parts::{Gather, Source};
 use super::primary::Kernel;
-use super::steering::{MOST_STEERING, Onward};
+use super::steering::Onward;
 use super::surroundings::{Event, Flight, Lamps, meet_maps};
 use super::{Context, Levers};
 use crate::light::DistantLight;
@@ -195,12 +195,11 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             usual(stream)
         } else {
             let phase = |direction| medium.phase().eval(arrived.dot(direction));
-            emitters.steer(walk.world_position(t), phase, usual, stream)
+            emitters.steer(walk.world_position(t), phase, usual, &mut steering, stream)
         };
         direction = onward.direction;
         throughput *= onward.weight;
         importance = onward.importance;
-        steering = (steering * onward.steering).min(MOST_STEERING);
         walk.turn(t, direction, f64::INFINITY);
         let previous = segment;
         if let Some(lamps) = lamps {

@@ -28,8 +28,8 @@ const MOST_CHANCE: f32 = 0.25;
 /// 0.05, a fire that fills the view, with a sun, has 0.93 and 0.99 of the efficiency that it has without.
 const LEAST_CHANCE: f32 = 0.05;
 
-/// Most that a path's steering counts for: more would be infinite in the end.
-pub(super) const MOST_STEERING: f32 = 1e30;
+/// Most that a path is worth for having been sent: more would be infinite in the end.
+const MOST_WORTH: f32 = 1e30;
 
 /// How a path goes on after scattering.
 #[derive(Clone, Copy, Debug)]
@@ -40,8 +40,6 @@ pub(super) struct Onward {
     pub(super) weight: f32,
     /// What that is worth, up to the next event: 1 or more.
     pub(super) importance: f32,
-    /// What it is worth from here on: the inverse of the weight that steering has brought.
-    pub(super) steering: f32,
 }
 
 impl Onward {
@@ -52,20 +50,21 @@ impl Onward {
             direction,
             weight: 1.0,
             importance: 1.0,
-            steering: 1.0,
         }
     }
 }
 
 impl Emitters<'_> {
     /// Draws how a path goes on from `origin`, where `phase` is the density of scattering: as `usual`
-    /// does, or towards one of these.
+    /// does, or towards one of these. What that is worth from here on, the inverse of the weight that
+    /// it brings, is multiplied with `worth`.
     #[cold] // bench: frame
     pub(super) fn steer(
         &self,
         origin: DVec3,
         phase: impl Fn(DVec3) -> f32,
         usual: impl FnOnce(&mut Stream) -> Onward,
+        worth: &mut f32,
         stream: &mut Stream,
     ) -> Onward {
         let total: f32 = self.other_radiance + self.sum(|e| e.radiance_at(origin));
@@ -88,9 +87,9 @@ impl Emitters<'_> {
         let weight = phase / mix;
         // Not finite, or zero, where nothing scatters: such a path ends.
         let weight = if weight.is_normal() { weight } else { 0.0 };
+        *worth = (*worth / weight.max(f32::MIN_POSITIVE)).min(MOST_WORTH);
         Onward {
             weight: onward.weight * weight,
-            steering: weight.max(f32::MIN_POSITIVE).recip(),
             ..onward
         }
     }
