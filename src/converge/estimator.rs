@@ -20,7 +20,8 @@ pub struct Estimator {
     pub integrator: IntegratorKind,
     /// Which estimators along its rays.
     pub tracking: Tracking,
-    /// Whether points of media that emit are drawn as of a light: else light is met by chance.
+    /// Whether points of media that emit are drawn as of a light, and paths sent there: else their
+    /// light is met by chance.
     pub emission_light: bool,
 }
 

@@ -177,7 +177,7 @@ const STEADY: f64 = 0.05;
 /// bias of the image the latter two must show.
 type Effort = ([u32; 3], [f64; 2]);
 
-/// No render shares its `seed` with another: where the media are the same, so would be the flights.
+/// No render of a run shares its `seed` with another: where the media are the same, so would be the flights.
 fn three_ways(name: &str, glow: &Glow, seed: u64, ([path, chance, analog], sees): Effort) {
     for (seed, sigma_t, albedo, g) in [
         (seed, 0.4, Rgb([0.9, 0.8, 0.5]), 0.0),
