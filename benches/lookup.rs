@@ -42,7 +42,6 @@ use majorant::medium::{BoundSegment, Medium, MediumRay};
 use majorant::sampling::{Stream, StreamKey};
 use majorant::scene::Scene;
 use majorant::space::{Aabb, IndexTransform, Ray, floor_to_voxel};
-use majorant::stats::Counts;
 use majorant::tracking::collision::{Collision, Visitor, walk};
 
 /// Lookups of one timed pass: 32 bytes each, 1 MiB in all, read in order.
@@ -195,7 +194,6 @@ impl Visitor for Collisions {
         segment: &BoundSegment,
         _depth: &mut f32,
         _stream: &mut Stream,
-        _counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         ControlFlow::Continue(segment.sigma_maj)
     }
@@ -206,7 +204,6 @@ impl Visitor for Collisions {
         _segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        _counts: &mut Counts,
     ) -> ControlFlow<()> {
         self.ts.push(collision.t);
         let sigma_t = ray.estimate_sigma_t(collision.t, stream.bits());
@@ -232,7 +229,7 @@ fn along_paths(scene: &Scene, medium: &Medium, bounds: Aabb, stream: &mut Stream
                 is_real: false,
             };
             let mut walked = medium.ray(&ray, f64::INFINITY);
-            walk(&mut walked, stream, &mut Counts::default(), &mut met);
+            walk(&mut walked, stream, &mut met);
             // Rounding may leave a point on a face just outside.
             let point = |&t: &f64| {
                 let p = to_index.transform_point3(ray.at(t));

@@ -21,7 +21,7 @@ import time
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-COUNTS = re.compile(r"^\s*counts\.(?!camera_rays)\w+ \+= [^;]*;\n", re.M)
+COUNTS = re.compile(r"^\s*(?:stream\.)?counts\.(?!camera_rays)\w+ \+= [^;]*;\n", re.M)
 
 
 def make_uncounted(folder):

@@ -13,7 +13,7 @@ use rayon::prelude::*;
 use crate::aov::Aov;
 use crate::film::{Accumulation, Cell, Film, PixelCost, Region, Sample, Tile, half_of};
 use crate::integrator::{Context, Parts, PathSample};
-use crate::sampling::{Number, PixelStreams};
+use crate::sampling::{Number, PixelStreams, Stream, StreamKey};
 use crate::scene::Scene;
 use crate::silhouette::Silhouette;
 use crate::space::Ray;
@@ -187,7 +187,8 @@ impl<'a> Frame<'a> {
     }
 
     fn render_tile(&self, tile: &mut Tile, until: [u64; 2], cancel: &AtomicBool) -> Counts {
-        let mut counts = Counts::default();
+        // One for all pixels, whose samples start it over: the counts go on.
+        let mut stream = Stream::new(StreamKey::default());
         for (x, y, cell, sums) in tile.cells_and_sums_mut() {
             if cancel.load(Ordering::Relaxed) {
                 break;
@@ -197,12 +198,13 @@ impl<'a> Frame<'a> {
             if samples.is_empty() {
                 continue;
             }
-            let before = counts;
-            self.render_pixel([x, y], index, samples, (cell, sums), &mut counts);
+            let before = stream.counts;
+            self.render_pixel([x, y], index, samples, (cell, sums), &mut stream);
+            let counts = &stream.counts;
             cell.cost.values_read += counts.values_read() - before.values_read();
             cell.cost.null_collisions += counts.null_collisions - before.null_collisions;
         }
-        counts
+        stream.counts
     }
 
     fn render_pixel(
@@ -211,7 +213,7 @@ impl<'a> Frame<'a> {
         index: u64,
         samples: std::ops::Range<u64>,
         (cell, sums): (&mut Cell, &mut [f64]),
-        counts: &mut Counts,
+        stream: &mut Stream,
     ) {
         let Self {
             scene,
@@ -223,7 +225,7 @@ impl<'a> Frame<'a> {
             && let Some(radiance) = scene.lights.constant_radiance()
         {
             let count = samples.end - samples.start;
-            counts.camera_rays += count;
+            stream.counts.camera_rays += count;
             cell.batch.add_constant(radiance, count);
             if !scene.aovs.is_empty() {
                 let parts = Parts::of_sky(&scene.lights);
@@ -235,25 +237,26 @@ impl<'a> Frame<'a> {
         let corner = DVec2::new(f64::from(x), f64::from(y));
         let streams = PixelStreams::new(scene.seed, scene.frame, index, scene.transport.sampler);
         let extent = if scene.aovs.contains(&Aov::Depth) {
-            self.extent(scene.camera.ray((corner + 0.5) * scale), counts)
+            let ray = scene.camera.ray((corner + 0.5) * scale);
+            self.extent(ray, &mut stream.counts)
         } else {
             [f64::INFINITY; 2]
         };
         // A copy that can stay in registers.
         let mut batch = cell.batch;
         for sample in samples {
-            let mut stream = streams.stream(sample);
+            streams.start(sample, stream);
             let jitter = DVec2::new(
                 f64::from(stream.number(Number::FilmX)),
                 f64::from(stream.number(Number::FilmY)),
             );
             let ray = scene.camera.ray((corner + jitter) * scale);
             let path = if scene.aovs.is_empty() {
-                context.sample_radiance(ray, &mut stream, counts)
+                context.sample_radiance(ray, stream)
             } else {
-                let before = counts.values_read();
-                let path = context.sample_parts(ray, &mut stream, counts);
-                let lookups = counts.values_read() - before;
+                let before = stream.counts.values_read();
+                let path = context.sample_parts(ray, stream);
+                let lookups = stream.counts.values_read() - before;
                 let variables = Variables::of(&path, lookups as f64, extent);
                 if path.radiance.radiance.is_finite() {
                     variables.add_to(sums, &scene.aovs, 1.0);
@@ -270,7 +273,7 @@ impl<'a> Frame<'a> {
                     depth_weight,
                 });
             } else {
-                counts.non_finite_samples += 1;
+                stream.counts.non_finite_samples += 1;
             }
         }
         cell.batch = batch;

@@ -1,6 +1,7 @@
 //! Counters of what rays did: always on, summed per tile, never logged inside a ray.
 //!
-//! A tile owns one [`Counts`]; [`Counts::add`] sums them in any order to the same total.
+//! They are counted in the random stream that each ray is given (`sampling`), one for a tile;
+//! [`Counts::add`] sums those of tiles in any order to the same total.
 
 use serde::{Deserialize, Serialize};
 

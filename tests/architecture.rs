@@ -21,7 +21,7 @@ const TABLE: &[(&str, &str)] = &[
     ("sequence", "sequence"),
     ("noise_limit", ""),
     ("farm", "farm sequence"),
-    ("sampling", "sobol space spectrum"),
+    ("sampling", "sobol space spectrum stats"),
     ("alias", ""),
     ("aov", ""),
     ("blackbody", "spectrum"),

@@ -9,7 +9,6 @@ use glam::DVec2;
 
 use crate::sampling::{Stream, StreamKey};
 use crate::scene::Scene;
-use crate::stats::Counts;
 use crate::tracking::{Tracking, TransmittanceEstimator};
 
 /// Optical depth through a pixel's centre from which on the medium covers it.
@@ -31,11 +30,12 @@ pub fn covered_pixels(scene: &Scene) -> Vec<usize> {
         let centre = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) / size;
         let ray = scene.camera.ray(centre);
         // Neither is used: the estimate is exact and plays no roulette.
-        let (mut stream, mut counts) = (Stream::new(StreamKey::default()), Counts::default());
+        let mut stream = Stream::new(StreamKey::default());
         let end = f64::INFINITY;
-        let through = scene.media.iter().map(|medium| {
-            tracking.estimate_transmittance(medium, &ray, end, 0.0, &mut stream, &mut counts)
-        });
+        let through = scene
+            .media
+            .iter()
+            .map(|medium| tracking.estimate_transmittance(medium, &ray, end, 0.0, &mut stream));
         through.product::<f32>() < clear
     };
     let columns: Range<u32> = 0..scene.width;

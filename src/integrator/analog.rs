@@ -13,7 +13,6 @@ use super::{Context, PathSample};
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 
 /// Returns an unbiased sample of the radiance that arrives along `ray`.
 ///
@@ -23,7 +22,6 @@ pub(super) fn sample_radiance(
     context: &Context<'_>,
     mut ray: Ray,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> PathSample {
     let Context {
         ref media,
@@ -47,14 +45,14 @@ pub(super) fn sample_radiance(
     let mut bounces = 0;
     loop {
         let met = if is_chromatic {
-            media.chromatic_collision(&ray, &mut weight, None, stream, counts)
+            media.chromatic_collision(&ray, &mut weight, None, stream)
         } else {
-            let met = media.first_collision(&ray, stream, counts);
+            let met = media.first_collision(&ray, stream);
             met.map(|met| (met.t, met.walk.medium()))
         };
         let end = met.as_ref().map_or(f64::INFINITY, |met| met.0);
         if !emitters.is_empty() {
-            radiance += weight * emitters.at_random(&ray, end, stream, counts);
+            radiance += weight * emitters.at_random(&ray, end, stream);
         }
         for (seen, t) in lights.local.iter().filter_map(|lamp| lamp.meet(&ray)) {
             if t < end {
@@ -80,7 +78,7 @@ pub(super) fn sample_radiance(
         }
         weight *= albedo * survival.recip();
         bounces += 1;
-        counts.scattered_rays += 1;
+        stream.counts.scattered_rays += 1;
         ray = Ray {
             origin: ray.at(t),
             direction: medium.phase().sample(ray.direction, stream),

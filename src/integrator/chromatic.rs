@@ -22,7 +22,6 @@ use crate::medium::Medium;
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 use crate::tracking::Factor;
 
 impl<'a> Media<'a> {
@@ -39,11 +38,10 @@ impl<'a> Media<'a> {
         (ray, t_max): (&Ray, f64),
         roulette_weight: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         if !self.are_chromatic() {
             let weights = (1.0, roulette_weight);
-            return Rgb::splat(self.transmittance(None, (ray, t_max), weights, stream, counts));
+            return Rgb::splat(self.transmittance(None, (ray, t_max), weights, stream));
         }
         let mut through = Rgb::WHITE;
         for Tracked { medium, tracking } in self.all() {
@@ -52,7 +50,7 @@ impl<'a> Media<'a> {
             if most > 0.0 {
                 let least = (roulette_weight / most).min(1.0);
                 let place = (*medium, ray, t_max);
-                through *= tracking.chromatic_transmittance(place, least, stream, counts);
+                through *= tracking.chromatic_transmittance(place, least, stream);
             }
         }
         through
@@ -67,14 +65,13 @@ impl<'a> Media<'a> {
         weights: &mut Rgb,
         mut factors: Option<&mut Vec<Factor>>,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<(f64, &'a Medium)> {
         if let Some(factors) = &mut factors {
             factors.clear();
         }
         if let [Tracked { medium, tracking }] = self.all() {
             let place = (*medium, ray, f64::INFINITY);
-            let t = tracking.chromatic_collision(place, weights, factors, stream, counts)?;
+            let t = tracking.chromatic_collision(place, weights, factors, stream)?;
             return Some((t, medium));
         }
         let mut own = Vec::new();
@@ -84,8 +81,7 @@ impl<'a> Media<'a> {
             let t_max = nearest.map_or(f64::INFINITY, |(t, _)| t);
             let place = (*medium, ray, t_max);
             let mut alone = *weights;
-            let met =
-                tracking.chromatic_collision(place, &mut alone, Some(factors), stream, counts);
+            let met = tracking.chromatic_collision(place, &mut alone, Some(factors), stream);
             nearest = met.map(|t| (t, *medium)).or(nearest);
         }
         let end = nearest.map_or(f64::INFINITY, |(t, _)| t);
@@ -110,25 +106,24 @@ pub(super) fn sample_radiance<G: Gather>(
     context: &Context<'_>,
     ray: Ray,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> PathSample<G> {
     let Context { media, lights, .. } = context;
     let [Tracked { medium, tracking }] = media.all() else {
         let mut weights = Rgb::WHITE;
-        return match media.chromatic_collision(&ray, &mut weights, None, stream, counts) {
+        return match media.chromatic_collision(&ray, &mut weights, None, stream) {
             None => PathSample {
                 radiance: gathered(lights, ray.direction, weights),
                 opacity: 0.0,
                 first_collision: None,
             },
             Some((t, medium)) => PathSample {
-                radiance: scattered_radiance(context, (t, medium), ray, weights, stream, counts),
+                radiance: scattered_radiance(context, (t, medium), ray, weights, stream),
                 opacity: 1.0,
                 first_collision: Some((t, 1.0)),
             },
         };
     };
-    let flight = tracking.chromatic_flight(medium, &ray, ANALOG_BELOW, stream, counts);
+    let flight = tracking.chromatic_flight(medium, &ray, ANALOG_BELOW, stream);
     let mut radiance: G = gathered(lights, ray.direction, flight.transmittance);
     let Some((t, weights)) = flight.collision else {
         return PathSample {
@@ -141,12 +136,12 @@ pub(super) fn sample_radiance<G: Gather>(
     let survival = (SURVIVAL * opacity).min(1.0);
     if stream.uniform() < survival {
         let kept = weights * survival.recip();
-        let scattered: G = scattered_radiance(context, (t, medium), ray, kept, stream, counts);
+        let scattered: G = scattered_radiance(context, (t, medium), ray, kept, stream);
         radiance.add_usual(lights, weights + kept * -1.0);
         radiance.merge(scattered);
     } else {
         radiance.add_usual(lights, weights);
-        counts.roulette_kills += 1;
+        stream.counts.roulette_kills += 1;
     }
     PathSample {
         radiance,
@@ -163,7 +158,6 @@ fn scattered_radiance<G: Gather>(
     mut ray: Ray,
     mut throughput: Rgb,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> G {
     let Context {
         ref media,
@@ -194,7 +188,7 @@ fn scattered_radiance<G: Gather>(
         let worth = throughput.max_channel() * importance * steering;
         if worth < roulette_weight {
             if stream.uniform() * roulette_weight >= worth {
-                counts.roulette_kills += 1;
+                stream.counts.roulette_kills += 1;
                 return radiance;
             }
             throughput *= roulette_weight / worth;
@@ -207,17 +201,10 @@ fn scattered_radiance<G: Gather>(
             throughput,
         };
         let found = (&mut radiance, bounces);
-        let onward = collect(
-            context,
-            (&event, &mut steering),
-            &ray,
-            found,
-            stream,
-            counts,
-        );
+        let onward = collect(context, (&event, &mut steering), &ray, found, stream);
         throughput *= onward.weight;
         importance = onward.importance;
-        counts.scattered_rays += 1;
+        stream.counts.scattered_rays += 1;
         let previous = ray;
         ray = Ray {
             origin: event.p,
@@ -227,17 +214,17 @@ fn scattered_radiance<G: Gather>(
             && settings.max_bounces != Some(bounces)
         {
             let worth = usual_worth(context);
-            let (lamp, light) = lamps.along(media, &ray, throughput, worth, stream, counts);
+            let (lamp, light) = lamps.along(media, &ray, throughput, worth, stream);
             radiance.add(light, bounces + 1, Source::Lamp(lamp));
         }
         let phase = medium.phase().eval(event.arrived.dot(ray.direction));
         let before = throughput;
         let list = (!emitters.is_empty()).then_some(&mut factors);
-        let further = media.chromatic_collision(&ray, &mut throughput, list, stream, counts);
+        let further = media.chromatic_collision(&ray, &mut throughput, list, stream);
         let end = further.map_or(f64::INFINITY, |(t, _)| t);
         if !emitters.is_empty() {
             let worth = (phase, before.max_channel() * steering);
-            let light = emitters.along(&ray, (end, &factors), worth, stream, counts);
+            let light = emitters.along(&ray, (end, &factors), worth, stream);
             radiance.add(before * light, bounces, Source::Emission);
         }
         if let Some(lamps) = lamps {
@@ -268,7 +255,6 @@ fn collect(
     segment: &Ray,
     (radiance, order): (&mut impl Gather, u32),
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> Onward {
     let Context {
         media,
@@ -279,14 +265,14 @@ fn collect(
         ..
     } = context;
     let levers = settings.levers;
-    event.surroundings(context, segment, (radiance, order), stream, counts);
+    event.surroundings(context, segment, (radiance, order), stream);
     if !emitters.is_empty() {
         let least = if levers.light_roulette {
             LEAST_EMITTED
         } else {
             0.0
         };
-        let light = emitters.at_event(event, (least, *steering), stream, counts);
+        let light = emitters.at_event(event, (least, *steering), stream);
         radiance.add(light, order, Source::Emission);
     }
     let mut guided = None;
@@ -300,7 +286,7 @@ fn collect(
                 f32::MAX
             }
         };
-        event.suns(lights, worth, (radiance, order), stream, counts);
+        event.suns(lights, worth, (radiance, order), stream);
         if levers.guide {
             guided = Some(guide.sample(event.phase, &beliefs, event.arrived, stream));
         }

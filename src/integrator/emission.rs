@@ -33,7 +33,6 @@ use crate::medium::Medium;
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 use crate::tracking::Factor;
 
 /// Points along a camera ray that crosses as much as a typical line through much emission.
@@ -122,13 +121,7 @@ impl<'a> Emitters<'a> {
     }
 
     /// Returns an unbiased estimate of the emission that arrives along a camera ray.
-    pub(super) fn seen(
-        &self,
-        media: &Media<'_>,
-        ray: &Ray,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> Rgb {
+    pub(super) fn seen(&self, media: &Media<'_>, ray: &Ray, stream: &mut Stream) -> Rgb {
         let mut radiance = Rgb::BLACK;
         for Emitter {
             medium, emission, ..
@@ -145,13 +138,13 @@ impl<'a> Emitters<'a> {
                 };
                 let end = (&stretch, t - reached);
                 let least = (LEAST_TRANSMITTANCE / through.max_channel()).min(1.0);
-                through *= media.spectral_transmittance(end, least, stream, counts);
+                through *= media.spectral_transmittance(end, least, stream);
                 reached = t;
                 // Zero: lost in roulette, or nothing comes through.
                 if through.is_black() {
                     return ControlFlow::Break(());
                 }
-                counts.emission_lookups += 1;
+                stream.counts.emission_lookups += 1;
                 radiance += medium.emitted(ray.at(t)) * through * length;
                 ControlFlow::Continue(())
             });
@@ -169,7 +162,6 @@ impl<'a> Emitters<'a> {
         (t_c, factors): (f64, &[Factor]),
         (phase, throughput): (f32, f32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         let mut radiance = Rgb::BLACK;
         for emitter in &self.all {
@@ -186,7 +178,7 @@ impl<'a> Emitters<'a> {
                     through *= *factor;
                 }
                 let p = ray.at(t);
-                counts.emission_lookups += 1;
+                stream.counts.emission_lookups += 1;
                 let weight = if self.are_lights {
                     1.0 - emitter.light_weight(p, (t, phase))
                 } else {
@@ -201,13 +193,7 @@ impl<'a> Emitters<'a> {
 
     /// Returns an unbiased estimate of the emission along a ray up to its collision at `t_c`, from
     /// one point of each medium that is as likely anywhere in its box.
-    pub(super) fn at_random(
-        &self,
-        ray: &Ray,
-        t_c: f64,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> Rgb {
+    pub(super) fn at_random(&self, ray: &Ray, t_c: f64, stream: &mut Stream) -> Rgb {
         let mut radiance = Rgb::BLACK;
         for Emitter {
             medium, emission, ..
@@ -219,7 +205,7 @@ impl<'a> Emitters<'a> {
             let t1 = t1.min(t_c);
             if t0 < t1 {
                 let t = t0 + (t1 - t0) * f64::from(stream.uniform());
-                counts.emission_lookups += 1;
+                stream.counts.emission_lookups += 1;
                 #[expect(clippy::cast_possible_truncation, reason = "a length")]
                 let length = (t1 - t0) as f32;
                 radiance += medium.emitted(ray.at(t)) * length;
@@ -236,10 +222,9 @@ impl<'a> Emitters<'a> {
         event: &Event<'_, '_>,
         (least, steering): (f32, f32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         let towards = |direction| event.phase(direction);
-        let Some(point) = self.sample_light(event.p, towards, stream, counts) else {
+        let Some(point) = self.sample_light(event.p, towards, stream) else {
             return Rgb::BLACK;
         };
         let unoccluded = event.throughput * point.unoccluded;
@@ -250,7 +235,7 @@ impl<'a> Emitters<'a> {
         // What a contribution of 1 is worth such that roulette goes by the throughput alone.
         let worth = event.throughput.max_channel() * steering / (least * unoccluded.max_channel());
         let to = (point.direction, point.distance);
-        event.collect(to, unoccluded, worth, stream, counts)
+        event.collect(to, unoccluded, worth, stream)
     }
 
     /// Draws a point as of a light, for a vertex at `origin` from which `phase` tells the density of
@@ -260,7 +245,6 @@ impl<'a> Emitters<'a> {
         origin: DVec3,
         phase: impl FnOnce(DVec3) -> f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<LightPoint> {
         if !self.are_lights {
             return None;
@@ -273,7 +257,7 @@ impl<'a> Emitters<'a> {
             last
         };
         let (p, density) = chosen.emission.sample_point(stream);
-        counts.emission_lookups += 1;
+        stream.counts.emission_lookups += 1;
         let emitted = chosen.medium.emitted(p);
         let to = p - origin;
         let distance = to.length();

@@ -15,7 +15,6 @@ use glam::DVec3;
 use crate::medium::{Medium, MediumRay};
 use crate::sampling::Stream;
 use crate::space::Ray;
-use crate::stats::Counts;
 use crate::tracking::Tracking;
 
 /// A medium with the estimators that suit it.
@@ -84,13 +83,8 @@ impl<'a> Media<'a> {
     }
 
     /// Draws the first collision along `ray`.
-    pub(super) fn first_collision(
-        &self,
-        ray: &Ray,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> Option<Met<'a>> {
-        self.nearer(None, ray, f64::INFINITY, stream, counts)
+    pub(super) fn first_collision(&self, ray: &Ray, stream: &mut Stream) -> Option<Met<'a>> {
+        self.nearer(None, ray, f64::INFINITY, stream)
     }
 
     /// Draws the first collision up to `t_max` along `ray` with any medium but `except`.
@@ -100,7 +94,6 @@ impl<'a> Media<'a> {
         ray: &Ray,
         mut t_max: f64,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<Met<'a>> {
         let mut nearest = None;
         for (index, Tracked { medium, tracking }) in self.all.iter().enumerate() {
@@ -109,7 +102,7 @@ impl<'a> Media<'a> {
             }
             let mut walk = tracking.start_path(medium, ray, t_max);
             let depth = stream.exponential();
-            if let Some(t) = tracking.next_collision(&mut walk, depth, stream, counts) {
+            if let Some(t) = tracking.next_collision(&mut walk, depth, stream) {
                 t_max = t;
                 nearest = Some(Met { index, walk, t });
             }
@@ -127,14 +120,12 @@ impl<'a> Media<'a> {
         (ray, t_max): (&Ray, f64),
         (mut weight, roulette_weight): (f32, f32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> f32 {
         for (index, Tracked { medium, tracking }) in self.all.iter().enumerate() {
             // Zero: nothing is left to attenuate.
             if except != Some(index) && weight > 0.0 {
                 let least = (roulette_weight / weight).min(1.0);
-                weight *=
-                    tracking.estimate_transmittance(medium, ray, t_max, least, stream, counts);
+                weight *= tracking.estimate_transmittance(medium, ray, t_max, least, stream);
             }
         }
         weight

@@ -215,36 +215,26 @@ impl PathSample<Parts> {
 
 impl Context<'_> {
     /// Returns an unbiased sample of the radiance that arrives along the camera ray `ray`.
-    pub fn sample_radiance(
-        &self,
-        ray: Ray,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> PathSample {
-        counts.camera_rays += 1;
+    pub fn sample_radiance(&self, ray: Ray, stream: &mut Stream) -> PathSample {
+        stream.counts.camera_rays += 1;
         match self.settings.integrator {
-            IntegratorKind::Path => primary::sample_radiance(self, ray, stream, counts),
-            IntegratorKind::Analog => analog::sample_radiance(self, ray, stream, counts),
+            IntegratorKind::Path => primary::sample_radiance(self, ray, stream),
+            IntegratorKind::Analog => analog::sample_radiance(self, ray, stream),
         }
     }
 
     /// As [`sample_radiance`](Self::sample_radiance), the same radiance in parts; of the analog
     /// integrator, which does not tell them apart, the sum alone.
-    pub fn sample_parts(
-        &self,
-        ray: Ray,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> PathSample<Parts> {
-        counts.camera_rays += 1;
+    pub fn sample_parts(&self, ray: Ray, stream: &mut Stream) -> PathSample<Parts> {
+        stream.counts.camera_rays += 1;
         match self.settings.integrator {
-            IntegratorKind::Path => primary::sample_radiance(self, ray, stream, counts),
+            IntegratorKind::Path => primary::sample_radiance(self, ray, stream),
             IntegratorKind::Analog => {
                 let PathSample {
                     radiance,
                     opacity,
                     first_collision,
-                } = analog::sample_radiance(self, ray, stream, counts);
+                } = analog::sample_radiance(self, ray, stream);
                 PathSample {
                     radiance: Parts::unsorted(radiance),
                     opacity,

@@ -26,7 +26,6 @@ use crate::medium::MediumRay;
 use crate::sampling::{Number, Stream};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 use glam::DVec3;
 
 /// Paths of less weight times importance are raised to it or ended, by their ratio.
@@ -91,7 +90,6 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
     ray: &Ray,
     weight: f32,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> G {
     let Context {
         ref media,
@@ -141,7 +139,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         let worth = throughput.max_channel() * importance * steering;
         if worth < roulette_weight {
             if stream.uniform() * roulette_weight >= worth {
-                counts.roulette_kills += 1;
+                stream.counts.roulette_kills += 1;
                 return radiance;
             }
             throughput *= roulette_weight / worth;
@@ -164,7 +162,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                 } else {
                     f32::MAX
                 };
-                let light = vertex.direct_light(sun, worth, stream, counts);
+                let light = vertex.direct_light(sun, worth, stream);
                 radiance.add(light, bounces, Source::Sun(i));
             }
             if steer {
@@ -179,14 +177,14 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
                 phase: medium.phase(),
                 throughput: vertex.throughput,
             };
-            event.surroundings(context, &segment, (&mut radiance, bounces), stream, counts);
+            event.surroundings(context, &segment, (&mut radiance, bounces), stream);
         }
         if !emitters.is_empty() {
             let least = if light_roulette { LEAST_EMITTED } else { 0.0 };
-            let light = vertex.emitted_light(emitters, (least, steering), stream, counts);
+            let light = vertex.emitted_light(emitters, (least, steering), stream);
             radiance.add(light, bounces, Source::Emission);
         }
-        counts.scattered_rays += 1;
+        stream.counts.scattered_rays += 1;
         let arrived = direction;
         let usual = |stream: &mut Stream| {
             guided.unwrap_or_else(|| Onward::usual(medium.phase().sample(arrived, stream)))
@@ -206,7 +204,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             segment = ray_from(&walk, 0.0, direction);
             if settings.max_bounces != Some(bounces) {
                 let worth = usual_worth(context);
-                let (lamp, light) = lamps.along(media, &segment, throughput, worth, stream, counts);
+                let (lamp, light) = lamps.along(media, &segment, throughput, worth, stream);
                 radiance.add(light, bounces + 1, Source::Lamp(lamp));
             }
         }
@@ -217,12 +215,12 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
         };
         let further = media
             .tracking(index)
-            .next_collision(&mut walk, depth, stream, counts);
+            .next_collision(&mut walk, depth, stream);
         if media.are_several() || !emitters.is_empty() || lamps.is_some() {
             let ray = ray_from(&walk, 0.0, direction);
             let mut end = further.unwrap_or(f64::INFINITY);
             let nearer = if media.are_several() {
-                media.nearer(Some(index), &ray, end, stream, counts)
+                media.nearer(Some(index), &ray, end, stream)
             } else {
                 None
             };
@@ -230,7 +228,7 @@ pub(super) fn scattered_radiance<'a, G: Gather>(
             if !emitters.is_empty() {
                 let phase = medium.phase().eval(arrived.dot(direction));
                 let worth = (phase, throughput.max_channel() * steering);
-                let light = throughput * emitters.along(&ray, (end, &[]), worth, stream, counts);
+                let light = throughput * emitters.along(&ray, (end, &[]), worth, stream);
                 radiance.add(light, bounces, Source::Emission);
             }
             if let Some(lamps) = lamps {
@@ -281,13 +279,7 @@ impl Vertex<'_, '_> {
     /// `worth` is what a contribution of 1 is expected to be worth in shadow rays: below 1, the
     /// ray is traced with that probability. On its way, roulette goes on by the same measure.
     #[inline] // bench: frame
-    fn direct_light(
-        &self,
-        sun: &DistantLight,
-        worth: f32,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> Rgb {
+    fn direct_light(&self, sun: &DistantLight, worth: f32, stream: &mut Stream) -> Rgb {
         let light = sun.sample(stream);
         // The path runs from the camera, so light travels the other way on both legs; the
         // cosine between the directions of propagation is the same.
@@ -303,10 +295,9 @@ impl Vertex<'_, '_> {
         }
         // At least the probability of having come here: zero cannot.
         let probability = worth.min(1.0);
-        counts.shadow_rays += 1;
+        stream.counts.shadow_rays += 1;
         let least = worth.recip().min(1.0);
-        let transmittance =
-            self.transmittance((light.direction, f64::INFINITY), least, stream, counts);
+        let transmittance = self.transmittance((light.direction, f64::INFINITY), least, stream);
         unoccluded * (transmittance / probability)
     }
 
@@ -318,7 +309,6 @@ impl Vertex<'_, '_> {
         emitters: &Emitters<'_>,
         (least, steering): (f32, f32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         let worth = self.throughput.max_channel() * steering;
         if worth < least && stream.uniform() * least >= worth {
@@ -327,12 +317,12 @@ impl Vertex<'_, '_> {
         let origin = self.walk.world_position(self.t);
         let phase = self.walk.medium().phase();
         let towards = |direction| phase.eval(self.direction.dot(direction));
-        let Some(point) = emitters.sample_light(origin, towards, stream, counts) else {
+        let Some(point) = emitters.sample_light(origin, towards, stream) else {
             return Rgb::BLACK;
         };
-        counts.shadow_rays += 1;
+        stream.counts.shadow_rays += 1;
         let to = (point.direction, point.distance);
-        let transmittance = self.transmittance(to, least, stream, counts);
+        let transmittance = self.transmittance(to, least, stream);
         let probability = if worth < least { worth / least } else { 1.0 };
         self.throughput * point.unoccluded * (transmittance / probability)
     }
@@ -344,7 +334,6 @@ impl Vertex<'_, '_> {
         (direction, t_max): (DVec3, f64),
         least: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> f32 {
         let Self {
             media,
@@ -353,17 +342,14 @@ impl Vertex<'_, '_> {
             t,
             ..
         } = *self;
-        let through = media.tracking(index).transmittance_from(
-            (walk, t),
-            (direction, t_max),
-            least,
-            stream,
-            counts,
-        );
+        let through =
+            media
+                .tracking(index)
+                .transmittance_from((walk, t), (direction, t_max), least, stream);
         if media.are_several() {
             let ray = ray_from(walk, t, direction);
             let weights = (through, least);
-            return media.transmittance(Some(index), (&ray, t_max), weights, stream, counts);
+            return media.transmittance(Some(index), (&ray, t_max), weights, stream);
         }
         through
     }

@@ -31,7 +31,6 @@ use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 use crate::tracking::{Survey, Tracking, TransmittanceEstimator};
 
 /// Probability for a path to go on, for each unit of opacity.
@@ -113,15 +112,12 @@ pub(super) fn sample_radiance<G: Gather>(
     context: &Context<'_>,
     ray: Ray,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> PathSample<G> {
     let mut sample: PathSample<G> = match (context.kernel, context.media.all()) {
-        (Kernel::Analog, _) => analog(context, ray, stream, counts),
-        (Kernel::Chromatic, _) => chromatic::sample_radiance(context, ray, stream, counts),
-        (Kernel::Expected, [one, ..]) => expected(context, one, ray, stream, counts),
-        (Kernel::Transmittance | Kernel::Expected, _) => {
-            transmittance(context, ray, stream, counts)
-        }
+        (Kernel::Analog, _) => analog(context, ray, stream),
+        (Kernel::Chromatic, _) => chromatic::sample_radiance(context, ray, stream),
+        (Kernel::Expected, [one, ..]) => expected(context, one, ray, stream),
+        (Kernel::Transmittance | Kernel::Expected, _) => transmittance(context, ray, stream),
     };
     let Context {
         media,
@@ -130,24 +126,18 @@ pub(super) fn sample_radiance<G: Gather>(
         ..
     } = context;
     if !emitters.is_empty() {
-        let light = emitters.seen(media, &ray, stream, counts);
+        let light = emitters.seen(media, &ray, stream);
         sample.radiance.add(light, 0, Source::Emission);
     }
     if !lights.local.is_empty() {
-        lamplight(context, &ray, &mut sample.radiance, stream, counts);
+        lamplight(context, &ray, &mut sample.radiance, stream);
     }
     sample
 }
 
 /// Adds an unbiased estimate of the spheres that a camera ray sees, and of what local lights scatter
 /// along it, in its share (see `surroundings`).
-fn lamplight<G: Gather>(
-    context: &Context<'_>,
-    ray: &Ray,
-    radiance: &mut G,
-    stream: &mut Stream,
-    counts: &mut Counts,
-) {
+fn lamplight<G: Gather>(context: &Context<'_>, ray: &Ray, radiance: &mut G, stream: &mut Stream) {
     let Context {
         media,
         lights,
@@ -156,24 +146,19 @@ fn lamplight<G: Gather>(
         kernel,
         ..
     } = context;
-    see_spheres(lights, media, ray, radiance, stream, counts);
+    see_spheres(lights, media, ray, radiance, stream);
     if let Some(lamps) = lamps
         && *kernel != Kernel::Transmittance
         && settings.max_bounces != Some(0)
     {
         let worth = path::usual_worth(context);
-        let (lamp, light) = lamps.along(media, ray, Rgb::WHITE, worth, stream, counts);
+        let (lamp, light) = lamps.along(media, ray, Rgb::WHITE, worth, stream);
         radiance.add(light, 1, Source::Lamp(lamp));
     }
 }
 
-fn analog<G: Gather>(
-    context: &Context<'_>,
-    ray: Ray,
-    stream: &mut Stream,
-    counts: &mut Counts,
-) -> PathSample<G> {
-    let Some(met) = context.media.first_collision(&ray, stream, counts) else {
+fn analog<G: Gather>(context: &Context<'_>, ray: Ray, stream: &mut Stream) -> PathSample<G> {
+    let Some(met) = context.media.first_collision(&ray, stream) else {
         return PathSample {
             radiance: gathered(context.lights, ray.direction, Rgb::WHITE),
             opacity: 0.0,
@@ -182,7 +167,7 @@ fn analog<G: Gather>(
     };
     let t = met.t;
     PathSample {
-        radiance: path::scattered_radiance(context, met, &ray, 1.0, stream, counts),
+        radiance: path::scattered_radiance(context, met, &ray, 1.0, stream),
         opacity: 1.0,
         first_collision: Some((t, 1.0)),
     }
@@ -193,11 +178,10 @@ fn expected<G: Gather>(
     &Tracked { medium, tracking }: &Tracked<'_>,
     ray: Ray,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> PathSample<G> {
     let lights = context.lights;
     let number = stream.number(Number::Collision);
-    let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream, counts);
+    let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream);
     let opacity = 1.0 - flight.transmittance;
     let through = Rgb::splat(flight.transmittance);
     // What is scattered is near the usual sky: that much of it is added without a path.
@@ -225,12 +209,12 @@ fn expected<G: Gather>(
             walk: tracking.start_path(medium, &from, f64::INFINITY),
             t: 0.0,
         };
-        let scattered: G = path::scattered_radiance(context, met, &ray, weight, stream, counts);
+        let scattered: G = path::scattered_radiance(context, met, &ray, weight, stream);
         let mut radiance = sky(opacity - weight);
         radiance.merge(scattered);
         radiance
     } else {
-        counts.roulette_kills += 1;
+        stream.counts.roulette_kills += 1;
         sky(opacity)
     };
     PathSample {
@@ -240,17 +224,12 @@ fn expected<G: Gather>(
     }
 }
 
-fn transmittance<G: Gather>(
-    context: &Context<'_>,
-    ray: Ray,
-    stream: &mut Stream,
-    counts: &mut Counts,
-) -> PathSample<G> {
+fn transmittance<G: Gather>(context: &Context<'_>, ray: Ray, stream: &mut Stream) -> PathSample<G> {
     let media = &context.media;
     let weights = (1.0, LEAST_TRANSMITTANCE);
-    let transmittance = media.transmittance(None, (&ray, f64::INFINITY), weights, stream, counts);
+    let transmittance = media.transmittance(None, (&ray, f64::INFINITY), weights, stream);
     let first_collision = if stream.uniform() * DEPTH_EVERY < 1.0 {
-        let met = media.first_collision(&ray, stream, counts);
+        let met = media.first_collision(&ray, stream);
         met.map(|met| (met.t, 1.0))
     } else {
         None

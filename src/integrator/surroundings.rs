@@ -36,7 +36,6 @@ use crate::phase::Phase;
 use crate::sampling::Stream;
 use crate::space::{Aabb, Ray};
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 
 /// A scattering event, as far as light that arrives there is concerned.
 #[derive(Clone, Copy, Debug)]
@@ -64,13 +63,12 @@ impl Event<'_, '_> {
         worth: impl Fn(usize) -> f32,
         (radiance, order): (&mut impl Gather, u32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) {
         for (i, sun) in lights.distant.iter().enumerate() {
             let light = sun.sample(stream);
             let unoccluded = self.throughput * light.weight * self.phase(light.direction);
             let to = (light.direction, f64::INFINITY);
-            let light = self.collect(to, unoccluded, worth(i), stream, counts);
+            let light = self.collect(to, unoccluded, worth(i), stream);
             radiance.add(light, order, Source::Sun(i));
         }
     }
@@ -84,7 +82,6 @@ impl Event<'_, '_> {
         map: &EnvironmentMap,
         worth: impl FnOnce(DVec3) -> f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         let Some(sample) = map.sample(stream) else {
             return Rgb::BLACK;
@@ -93,7 +90,7 @@ impl Event<'_, '_> {
         // phase / pdf, times the share pdf / (pdf + phase).
         let unoccluded = self.throughput * sample.radiance * (phase / (sample.pdf + phase));
         let to = (sample.direction, f64::INFINITY);
-        self.collect(to, unoccluded, worth(sample.direction), stream, counts)
+        self.collect(to, unoccluded, worth(sample.direction), stream)
     }
 
     /// Adds an unbiased estimate of the light of maps, in their share, and of a local light that
@@ -105,7 +102,6 @@ impl Event<'_, '_> {
         segment: &Ray,
         (radiance, order): (&mut impl Gather, u32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) {
         let Context {
             lights,
@@ -124,11 +120,11 @@ impl Event<'_, '_> {
                 }
                 _ => usual,
             };
-            let light = self.map(map, worth, stream, counts);
+            let light = self.map(map, worth, stream);
             radiance.add(light, order, Source::Map(i));
         }
         if let Some(lamps) = lamps {
-            let (lamp, light) = lamps.at_vertex(segment, self, usual, stream, counts);
+            let (lamp, light) = lamps.at_vertex(segment, self, usual, stream);
             radiance.add(light, order, Source::Lamp(lamp));
         }
     }
@@ -144,7 +140,6 @@ impl Event<'_, '_> {
         unoccluded: Rgb,
         worth: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         let worth = unoccluded.max_channel() * worth;
         if worth < 1.0 && stream.uniform() >= worth {
@@ -152,14 +147,14 @@ impl Event<'_, '_> {
         }
         // At least the probability of having come here: zero cannot.
         let probability = worth.min(1.0);
-        counts.shadow_rays += 1;
+        stream.counts.shadow_rays += 1;
         let least = worth.recip().min(1.0);
         let ray = Ray {
             origin: self.p,
             direction,
         };
         let to = (&ray, distance);
-        let through = self.media.spectral_transmittance(to, least, stream, counts);
+        let through = self.media.spectral_transmittance(to, least, stream);
         unoccluded * through * probability.recip()
     }
 }
@@ -186,11 +181,10 @@ pub(super) fn see_spheres(
     ray: &Ray,
     sum: &mut impl Gather,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) {
     for (i, lamp) in lights.local.iter().enumerate() {
         if let Some((radiance, t)) = lamp.meet(ray) {
-            let through = media.spectral_transmittance((ray, t), 0.0, stream, counts);
+            let through = media.spectral_transmittance((ray, t), 0.0, stream);
             sum.add(radiance * through, 0, Source::Lamp(i));
         }
     }
@@ -271,7 +265,6 @@ impl<'a> Lamps<'a> {
         event: &Event<'_, '_>,
         worth: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> (usize, Rgb) {
         let near = |lamp: &LocalLight| {
             let (position, radius) = lamp.place();
@@ -291,7 +284,7 @@ impl<'a> Lamps<'a> {
         let weight = (share / probability) as f32 * phase;
         let unoccluded = event.throughput * light.weight * weight;
         let to = (light.direction, light.distance);
-        let light = event.collect(to, unoccluded, worth, stream, counts);
+        let light = event.collect(to, unoccluded, worth, stream);
         (number, light)
     }
 
@@ -305,7 +298,6 @@ impl<'a> Lamps<'a> {
         throughput: Rgb,
         worth: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> (usize, Rgb) {
         let seen = |lamp: &LocalLight| {
             let (position, radius) = lamp.place();
@@ -323,7 +315,7 @@ impl<'a> Lamps<'a> {
         };
         let t = equiangular.sample(f64::from(stream.uniform_positive()));
         let p = segment.at(t);
-        counts.lookups += 8;
+        stream.counts.lookups += 8;
         let Some((medium, sigma_t)) = media.choose(p, stream) else {
             return nothing;
         };
@@ -348,12 +340,12 @@ impl<'a> Lamps<'a> {
         let unoccluded = event.throughput * light.weight * weight;
         // First the shadow ray, whose roulette knows what is at stake.
         let to = (light.direction, light.distance);
-        let scattered = event.collect(to, unoccluded, worth, stream, counts);
+        let scattered = event.collect(to, unoccluded, worth, stream);
         if scattered.is_black() {
             return nothing;
         }
         let least = (scattered.max_channel() * worth).recip().min(1.0);
-        let through = media.spectral_transmittance((segment, t), least, stream, counts);
+        let through = media.spectral_transmittance((segment, t), least, stream);
         (number, scattered * through)
     }
 

@@ -33,7 +33,6 @@ use std::ops::ControlFlow;
 use super::collision::{Collision, Visitor, reaches, walk_from};
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
-use crate::stats::Counts;
 
 /// Tentative collisions for each voxel cell above which integrating the cell exactly is cheaper.
 pub const EXACT_COLLISIONS_PER_VOXEL: f64 = 16.0;
@@ -65,8 +64,7 @@ impl Visitor for Flight {
         ray: &mut MediumRay<'_>,
         segment: &BoundSegment,
         depth: &mut f32,
-        _stream: &mut Stream,
-        counts: &mut Counts,
+        stream: &mut Stream,
     ) -> ControlFlow<(), f32> {
         if segment.is_homogeneous() {
             return ControlFlow::Continue(segment.sigma_maj);
@@ -77,9 +75,9 @@ impl Visitor for Flight {
         }
         // What is left of an exponential number is one: here it is an optical depth.
         let mut left = f64::from(*depth);
-        self.accepted = ray.reach_depth(&mut left, counts);
+        self.accepted = ray.reach_depth(&mut left, &mut stream.counts);
         if self.accepted.is_some() {
-            counts.real_collisions += 1;
+            stream.counts.real_collisions += 1;
             return ControlFlow::Break(());
         }
         #[expect(clippy::cast_possible_truncation, reason = "as precise as it came")]
@@ -96,7 +94,6 @@ impl Visitor for Flight {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
         let Collision { t, rate } = *collision;
         // A homogeneous segment collides at its own extinction, and always: the uniform number
@@ -105,13 +102,13 @@ impl Visitor for Flight {
         let threshold = stream.uniform_positive() * rate;
         let known = self.decompose || segment.is_homogeneous();
         if (known && threshold <= segment.sigma_min)
-            || reaches(ray, segment, (t, threshold), stream, counts)
+            || reaches(ray, segment, (t, threshold), stream)
         {
             self.accepted = Some(t);
-            counts.real_collisions += 1;
+            stream.counts.real_collisions += 1;
             return ControlFlow::Break(());
         }
-        counts.null_collisions += 1;
+        stream.counts.null_collisions += 1;
         ControlFlow::Continue(())
     }
 }
@@ -125,7 +122,6 @@ impl FreeFlight {
         depth: f32,
         ray: &mut MediumRay<'_>,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<f64> {
         let mut visitor = Flight {
             rate: self.rate,
@@ -133,7 +129,7 @@ impl FreeFlight {
             exact_above: self.exact_above * ray.voxels_per_length(),
             accepted: None,
         };
-        walk_from(depth, ray, stream, counts, &mut visitor);
+        walk_from(depth, ray, stream, &mut visitor);
         visitor.accepted
     }
 }

@@ -29,7 +29,6 @@ use super::collision::{Collision, Visitor, look_up, optical_depth, walk};
 use super::distance::EXACT_COLLISIONS_PER_VOXEL;
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::{Number, Stream};
-use crate::stats::Counts;
 
 /// Tentative collisions for each unit of the bound, at least. Noise of a smoke's image at 1, 2, 4
 /// and 8 collisions, of shadow rays as well: 0.0445, 0.0343, 0.0329, 0.0318; its time in ms a
@@ -106,14 +105,9 @@ impl Expected {
 
     /// Walks `ray` to its end, or to where the distance estimator takes over.
     #[inline] // bench: frame
-    pub(super) fn walk(
-        &mut self,
-        mut ray: MediumRay<'_>,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) {
+    pub(super) fn walk(&mut self, mut ray: MediumRay<'_>, stream: &mut Stream) {
         self.exact_above = EXACT_COLLISIONS_PER_VOXEL * ray.voxels_per_length();
-        walk(&mut ray, stream, counts, self);
+        walk(&mut ray, stream, self);
     }
 }
 
@@ -134,7 +128,6 @@ impl Visitor for Expected {
         segment: &BoundSegment,
         _depth: &mut f32,
         stream: &mut Stream,
-        _counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         let BoundSegment {
             t0, t1, sigma_maj, ..
@@ -171,10 +164,9 @@ impl Visitor for Expected {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
         let Collision { t, rate } = *collision;
-        let sigma_t = look_up(ray, segment, t, stream, counts);
+        let sigma_t = look_up(ray, segment, t, stream);
         // Zero: as empty as it looks.
         if sigma_t > 0.0 {
             return self.take(t, self.weight * (sigma_t / rate), t);

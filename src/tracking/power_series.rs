@@ -41,7 +41,6 @@ use super::collision::{Collision, Visitor, look_up, walk};
 use super::transmittance::EXACT_COLLISIONS_PER_VOXEL;
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
-use crate::stats::Counts;
 
 /// The probability to go beyond order zero.
 const LEAST_ORDER: f32 = 0.1;
@@ -79,7 +78,6 @@ impl Visitor for Series {
         segment: &BoundSegment,
         _depth: &mut f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         let BoundSegment {
             t0,
@@ -92,7 +90,7 @@ impl Visitor for Series {
         let control = segment.sigma_mean.clamp(sigma_min, sigma_maj);
         let range = f64::from((sigma_maj - control).max(control - sigma_min));
         if range > self.exact_above * self.gap {
-            self.control += ray.optical_depth(counts);
+            self.control += ray.optical_depth(&mut stream.counts);
         } else {
             self.control += f64::from(control) * (t1 - t0);
             let end = range * (t1 - t0);
@@ -100,7 +98,7 @@ impl Visitor for Series {
                 while comb.next < end {
                     // The range is not zero: there is some to go.
                     let t = (t0 + comb.next / range).min(t1);
-                    let sigma_t = look_up(ray, segment, t, stream, counts);
+                    let sigma_t = look_up(ray, segment, t, stream);
                     comb.depth += f64::from(sigma_t - control) / range * self.gap;
                     comb.next += self.gap;
                 }
@@ -111,7 +109,7 @@ impl Visitor for Series {
         let depth = self.control + sum / self.combs.len() as f64;
         self.deepest = self.deepest.max(depth);
         if self.deepest >= self.last_depth {
-            counts.roulette_kills += 1;
+            stream.counts.roulette_kills += 1;
             return ControlFlow::Break(());
         }
         ControlFlow::Continue(0.0)
@@ -123,7 +121,6 @@ impl Visitor for Series {
         _segment: &BoundSegment,
         _collision: &Collision,
         _stream: &mut Stream,
-        _counts: &mut Counts,
     ) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
@@ -140,7 +137,6 @@ pub(super) fn power_series(
     rate: f32,
     roulette_weight: f32,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> f32 {
     let gap = 1.0 / (TEETH * f64::from(rate));
     let order = draw_order(stream);
@@ -157,7 +153,7 @@ pub(super) fn power_series(
         deepest: 0.0,
         last_depth: least_depth + f64::from(stream.exponential()),
     };
-    walk(&mut ray, stream, counts, &mut visitor);
+    walk(&mut ray, stream, &mut visitor);
     let Series {
         combs,
         control,

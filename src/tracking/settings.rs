@@ -14,7 +14,6 @@ use super::transmittance::{self, Attenuation, approx_ray_marching};
 use crate::medium::{LOOKUP_COST, Medium, MediumRay, Segments};
 use crate::sampling::Stream;
 use crate::space::Ray;
-use crate::stats::Counts;
 
 /// An enum whose variants have the names that scene files and the command line use.
 macro_rules! named {
@@ -146,11 +145,10 @@ impl Tracking {
         ray: &Ray,
         t_max: f64,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<f64> {
         let mut ray = medium.ray_over(ray, t_max, self.flight_segments());
         let depth = stream.exponential();
-        self.next_collision(&mut ray, depth, stream, counts)
+        self.next_collision(&mut ray, depth, stream)
     }
 
     /// Prepares the flights of a path that starts with `ray`, the first of them up to `t_max`.
@@ -168,7 +166,6 @@ impl Tracking {
         ray: &mut MediumRay<'_>,
         depth: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<f64> {
         let (decompose, exact_above) = match self.distance {
             DistanceEstimator::Auto => (true, distance::EXACT_COLLISIONS_PER_VOXEL),
@@ -181,7 +178,7 @@ impl Tracking {
             decompose,
             exact_above,
         };
-        flight.sample(depth, ray, stream, counts)
+        flight.sample(depth, ray, stream)
     }
 
     /// Returns the transmittance of the whole ray, estimated, and a collision that stands for the
@@ -200,7 +197,6 @@ impl Tracking {
         ray: &Ray,
         (analog_below, number): (f32, f32),
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ExpectedFlight {
         let mut walk = Expected {
             rate: self.rate.max(expected::LEAST_RATE),
@@ -214,14 +210,14 @@ impl Tracking {
             depth_count: 0,
         };
         let segments = self.start_path(medium, ray, f64::INFINITY);
-        walk.walk(segments, stream, counts);
+        walk.walk(segments, stream);
         // Zero: no rest is left.
         if let Some(t) = walk.rest_from.filter(|_| walk.weight > 0.0) {
             let rest = Ray {
                 origin: ray.at(t),
                 ..*ray
             };
-            let hit = self.sample_collision(medium, &rest, f64::INFINITY, stream, counts);
+            let hit = self.sample_collision(medium, &rest, f64::INFINITY, stream);
             if let Some(further) = hit {
                 walk.meet(t + further, walk.weight);
                 walk.weight = 0.0;
@@ -243,7 +239,6 @@ impl Tracking {
         (direction, t_max): (DVec3, f64),
         roulette_weight: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> f32 {
         let tracks = !matches!(
             self.transmittance,
@@ -257,19 +252,11 @@ impl Tracking {
                 origin: path.world_position(t),
                 direction,
             };
-            return self.estimate_transmittance(
-                medium,
-                &ray,
-                t_max,
-                roulette_weight,
-                stream,
-                counts,
-            );
+            return self.estimate_transmittance(medium, &ray, t_max, roulette_weight, stream);
         }
         let mut ray = path.clone();
         ray.turn(t, direction, t_max);
-        self.attenuation()
-            .estimate(ray, roulette_weight, stream, counts)
+        self.attenuation().estimate(ray, roulette_weight, stream)
     }
 
     /// Estimates the transmittance from 0 to `t_max`, unbiased unless ray marching is asked for.
@@ -289,7 +276,6 @@ impl Tracking {
         t_max: f64,
         roulette_weight: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> f32 {
         match self.transmittance {
             TransmittanceEstimator::Delta => {
@@ -297,21 +283,20 @@ impl Tracking {
                     distance: DistanceEstimator::Delta,
                     ..*self
                 };
-                let hit = delta.sample_collision(medium, ray, t_max, stream, counts);
+                let hit = delta.sample_collision(medium, ray, t_max, stream);
                 if hit.is_none() { 1.0 } else { 0.0 }
             }
             TransmittanceEstimator::PowerSeries => {
                 let ray = medium.ray_over(ray, t_max, self.segments());
-                power_series(ray, self.rate, roulette_weight, stream, counts)
+                power_series(ray, self.rate, roulette_weight, stream)
             }
             TransmittanceEstimator::ApproxRayMarching => {
                 let ray = medium.ray(ray, t_max);
-                approx_ray_marching(ray, self.march_step, stream, counts)
+                approx_ray_marching(ray, self.march_step, stream)
             }
             _ => {
                 let ray = medium.ray_over(ray, t_max, self.shadow_segments());
-                self.attenuation()
-                    .estimate(ray, roulette_weight, stream, counts)
+                self.attenuation().estimate(ray, roulette_weight, stream)
             }
         }
     }

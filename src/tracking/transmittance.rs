@@ -39,7 +39,6 @@ use std::ops::ControlFlow;
 use super::collision::{Collision, Visitor, look_up, optical_depth, walk};
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
-use crate::stats::Counts;
 
 /// Lookups for each voxel cell above which integrating the cell exactly is cheaper, counting the
 /// variance that it saves.
@@ -68,12 +67,12 @@ impl Weight {
     ///
     /// Plays roulette if the weight is low; sets it to zero and breaks if it is lost.
     #[inline] // bench: frame
-    fn take(&mut self, factor: f32, stream: &mut Stream, counts: &mut Counts) -> ControlFlow<()> {
+    fn take(&mut self, factor: f32, stream: &mut Stream) -> ControlFlow<()> {
         self.weight *= factor;
         if self.weight < self.roulette_weight {
             if stream.uniform() * self.roulette_weight >= self.weight {
                 self.weight = 0.0;
-                counts.roulette_kills += 1;
+                stream.counts.roulette_kills += 1;
                 return ControlFlow::Break(());
             }
             self.weight = self.roulette_weight;
@@ -99,12 +98,11 @@ impl Visitor for Ratio {
         segment: &BoundSegment,
         _depth: &mut f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         let length = segment.t1 - segment.t0;
         if segment.is_homogeneous() {
             let factor = (-optical_depth(segment.sigma_maj, length)).exp();
-            self.weight.take(factor, stream, counts)?;
+            self.weight.take(factor, stream)?;
             return ControlFlow::Continue(0.0);
         }
         let (control, bound) = if self.settings.residual {
@@ -115,15 +113,15 @@ impl Visitor for Ratio {
         let rate = bound * self.settings.rate;
         if f64::from(rate) > self.exact_above {
             #[expect(clippy::cast_possible_truncation, reason = "a number in [0, 1]")]
-            let factor = (-ray.optical_depth(counts)).exp() as f32;
-            self.weight.take(factor, stream, counts)?;
+            let factor = (-ray.optical_depth(&mut stream.counts)).exp() as f32;
+            self.weight.take(factor, stream)?;
             return ControlFlow::Continue(0.0);
         }
         self.control = control;
         // Zero: nothing to subtract.
         if control > 0.0 {
             let factor = (-optical_depth(control, length)).exp();
-            self.weight.take(factor, stream, counts)?;
+            self.weight.take(factor, stream)?;
         }
         ControlFlow::Continue(rate)
     }
@@ -135,12 +133,11 @@ impl Visitor for Ratio {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
-        let sigma_t = look_up(ray, segment, collision.t, stream, counts);
+        let sigma_t = look_up(ray, segment, collision.t, stream);
         // Not negative: the rate is at least sigma_maj − control, rounded alike.
         let factor = 1.0 - (sigma_t - self.control) / collision.rate;
-        self.weight.take(factor, stream, counts)
+        self.weight.take(factor, stream)
     }
 }
 
@@ -177,7 +174,6 @@ impl Attenuation {
         mut ray: MediumRay<'_>,
         roulette_weight: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> f32 {
         let mut visitor = Ratio {
             weight: Weight {
@@ -188,8 +184,8 @@ impl Attenuation {
             exact_above: self.exact_above * ray.voxels_per_length(),
             control: 0.0,
         };
-        if visitor.weight.take(1.0, stream, counts).is_continue() {
-            walk(&mut ray, stream, counts, &mut visitor);
+        if visitor.weight.take(1.0, stream).is_continue() {
+            walk(&mut ray, stream, &mut visitor);
         }
         visitor.weight.weight
     }
@@ -214,8 +210,7 @@ impl Visitor for March {
         ray: &mut MediumRay<'_>,
         segment: &BoundSegment,
         _depth: &mut f32,
-        _stream: &mut Stream,
-        counts: &mut Counts,
+        stream: &mut Stream,
     ) -> ControlFlow<(), f32> {
         let BoundSegment { t0, t1, .. } = *segment;
         if segment.is_homogeneous() {
@@ -232,7 +227,7 @@ impl Visitor for March {
         let count = (end - first) as u32;
         for k in 0..count {
             let t = (first + f64::from(k) + self.offset) * self.step;
-            counts.lookups += 8;
+            stream.counts.lookups += 8;
             self.depth += f64::from(ray.sigma_t(t)) * self.step;
         }
         ControlFlow::Continue(0.0)
@@ -244,7 +239,6 @@ impl Visitor for March {
         _segment: &BoundSegment,
         _collision: &Collision,
         _stream: &mut Stream,
-        _counts: &mut Counts,
     ) -> ControlFlow<()> {
         ControlFlow::Continue(())
     }
@@ -255,14 +249,13 @@ pub(super) fn approx_ray_marching(
     mut ray: MediumRay<'_>,
     step_voxels: f64,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> f32 {
     let mut visitor = March {
         depth: 0.0,
         step: step_voxels / ray.voxels_per_length(),
         offset: f64::from(stream.uniform()),
     };
-    walk(&mut ray, stream, counts, &mut visitor);
+    walk(&mut ray, stream, &mut visitor);
     #[expect(clippy::cast_possible_truncation, reason = "a number in [0, 1]")]
     let transmittance = (-visitor.depth).exp() as f32;
     transmittance

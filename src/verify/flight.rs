@@ -15,7 +15,6 @@ use crate::grid::{Tree, TreeBuilder};
 use crate::medium::{BoundSegment, Medium};
 use crate::sampling::Stream;
 use crate::space::Ray;
-use crate::stats::Counts;
 use crate::tracking::{DistanceEstimator, Tracking, TransmittanceEstimator};
 
 const BEER_LAMBERT: Group = Group {
@@ -178,28 +177,22 @@ impl<'a> Shot<'a> {
         }
     }
 
-    fn flight(&self, by: &Tracking, stream: &mut Stream, counts: &mut Counts) -> Option<f64> {
-        by.sample_collision(&self.medium, self.ray, f64::INFINITY, stream, counts)
+    fn flight(&self, by: &Tracking, stream: &mut Stream) -> Option<f64> {
+        by.sample_collision(&self.medium, self.ray, f64::INFINITY, stream)
     }
 
     /// 1 for a flight that leaves.
-    fn escapes(&self, by: &Tracking, stream: &mut Stream, counts: &mut Counts) -> f64 {
-        f64::from(u8::from(self.flight(by, stream, counts).is_none()))
+    fn escapes(&self, by: &Tracking, stream: &mut Stream) -> f64 {
+        f64::from(u8::from(self.flight(by, stream).is_none()))
     }
 
-    fn transmits(&self, by: &Tracking, stream: &mut Stream, counts: &mut Counts) -> f64 {
-        self.transmits_above(0.0, by, stream, counts)
+    fn transmits(&self, by: &Tracking, stream: &mut Stream) -> f64 {
+        self.transmits_above(0.0, by, stream)
     }
 
-    fn transmits_above(
-        &self,
-        roulette: f32,
-        by: &Tracking,
-        stream: &mut Stream,
-        counts: &mut Counts,
-    ) -> f64 {
+    fn transmits_above(&self, roulette: f32, by: &Tracking, stream: &mut Stream) -> f64 {
         let (medium, end) = (&self.medium, f64::INFINITY);
-        by.estimate_transmittance(medium, self.ray, end, roulette, stream, counts)
+        by.estimate_transmittance(medium, self.ray, end, roulette, stream)
             .into()
     }
 }
@@ -211,13 +204,13 @@ fn one_decade(rows: &mut Rows, decade: i32) {
     let case = scaled(decade);
     let expected = (-case.tau(case.end)).exp();
     let (shot, tracking) = (Shot::new(&case), Tracking::default());
-    let flights = measure(rows.seed(), 150_000, |stream, counts| {
-        [shot.escapes(&tracking, stream, counts)]
+    let flights = measure(rows.seed(), 150_000, |stream| {
+        [shot.escapes(&tracking, stream)]
     });
     let row = Row::fraction("escape", expected, &flights.moments[0], &flights.seen);
     rows.push(row.tolerance(1e-6, ROUNDING));
-    let weights = measure(rows.seed(), 150_000, |stream, counts| {
-        [shot.transmits(&tracking, stream, counts)]
+    let weights = measure(rows.seed(), 150_000, |stream| {
+        [shot.transmits(&tracking, stream)]
     });
     let row = Row::mean("T", expected, &weights.moments[0], &weights.seen);
     rows.push(row.tolerance(1e-6, ROUNDING));
@@ -231,9 +224,9 @@ fn all_decades(rows: &mut Rows) {
     let expected = cases.iter().map(|c| (-c.tau(c.end)).exp()).sum::<f64>() / 17.0;
     for Estimator { name, tracking } in distance_estimators() {
         let mut turn = shots.iter().cycle();
-        let measured = measure(rows.seed(), FLIGHTS_OF_ALL, |stream, counts| {
+        let measured = measure(rows.seed(), FLIGHTS_OF_ALL, |stream| {
             let shot = turn.next();
-            [shot.map_or(f64::NAN, |s| s.escapes(&tracking, stream, counts))]
+            [shot.map_or(f64::NAN, |s| s.escapes(&tracking, stream))]
         });
         let name = format!("escape, {name}");
         let row = Row::fraction(name, expected, &measured.moments[0], &measured.seen);
@@ -241,9 +234,9 @@ fn all_decades(rows: &mut Rows) {
     }
     for Estimator { name, tracking } in transmittance_estimators() {
         let mut turn = shots.iter().cycle();
-        let measured = measure(rows.seed(), FLIGHTS_OF_ALL, |stream, counts| {
+        let measured = measure(rows.seed(), FLIGHTS_OF_ALL, |stream| {
             let shot = turn.next();
-            [shot.map_or(f64::NAN, |s| s.transmits(&tracking, stream, counts))]
+            [shot.map_or(f64::NAN, |s| s.transmits(&tracking, stream))]
         });
         let name = format!("T, {name}");
         let row = Row::mean(name, expected, &measured.moments[0], &measured.seen);
@@ -271,8 +264,8 @@ fn homogeneous(rows: &mut Rows) {
             distance,
             ..Tracking::default()
         };
-        let measured = measure(rows.seed(), 400_000, |stream, counts| {
-            let flight = tracking.sample_collision(&medium, &ray, 150.0, stream, counts);
+        let measured = measure(rows.seed(), 400_000, |stream| {
+            let flight = tracking.sample_collision(&medium, &ray, 150.0, stream);
             [f64::from(u8::from(flight.is_none()))]
         });
         let name = format!("escape, {distance}");
@@ -291,8 +284,8 @@ fn homogeneous(rows: &mut Rows) {
             transmittance,
             ..Tracking::default()
         };
-        let measured = measure(rows.seed(), 10, |stream, counts| {
-            let t = tracking.estimate_transmittance(&medium, &ray, 150.0, 0.0, stream, counts);
+        let measured = measure(rows.seed(), 10, |stream| {
+            let t = tracking.estimate_transmittance(&medium, &ray, 150.0, 0.0, stream);
             [f64::from(t)]
         });
         let name = format!("T, {transmittance}");
@@ -316,8 +309,8 @@ fn distances(rows: &mut Rows, case: &Case, estimator: &Estimator) {
     let collided = -(-total).exp_m1();
     let shot = Shot::new(case);
     let mut cells = [0_u32; CELLS];
-    let measured = measure(rows.seed(), FLIGHTS, |stream, counts| {
-        let flight = shot.flight(&estimator.tracking, stream, counts);
+    let measured = measure(rows.seed(), FLIGHTS, |stream| {
+        let flight = shot.flight(&estimator.tracking, stream);
         let Some(t) = flight else {
             return [1.0];
         };
@@ -359,8 +352,8 @@ fn estimates(rows: &mut Rows, case: &Case) {
     let expected = (-case.tau(case.end)).exp();
     let shot = Shot::new(case);
     for Estimator { name, tracking } in transmittance_estimators() {
-        let measured = measure(rows.seed(), ESTIMATES, |stream, counts| {
-            [shot.transmits(&tracking, stream, counts)]
+        let measured = measure(rows.seed(), ESTIMATES, |stream| {
+            [shot.transmits(&tracking, stream)]
         });
         let (moments, seen) = (&measured.moments[0], &measured.seen);
         let row = Row::mean(format!("{name} mean"), expected, moments, seen);
@@ -374,8 +367,8 @@ fn estimates(rows: &mut Rows, case: &Case) {
     // Roulette at a weight that most estimates fall below.
     let tracking = Tracking::default();
     for roulette in [0.5, 2.0] {
-        let measured = measure(rows.seed(), ESTIMATES, |stream, counts| {
-            [shot.transmits_above(roulette, &tracking, stream, counts)]
+        let measured = measure(rows.seed(), ESTIMATES, |stream| {
+            [shot.transmits_above(roulette, &tracking, stream)]
         });
         let name = format!("auto, roulette below {roulette}");
         let row = Row::mean(name, expected, &measured.moments[0], &measured.seen);
@@ -448,8 +441,8 @@ fn marching(rows: &mut Rows) {
         };
         let expected = (0..2000).map(|i| marched((f64::from(i) + 0.5) / 2000.0));
         let expected = expected.sum::<f64>() / 2000.0;
-        let measured = measure(rows.seed(), ESTIMATES, |stream, counts| {
-            [shot.transmits(&tracking, stream, counts)]
+        let measured = measure(rows.seed(), ESTIMATES, |stream| {
+            [shot.transmits(&tracking, stream)]
         });
         let name = format!("{step_voxels} voxels");
         let row = Row::mean(name, expected, &measured.moments[0], &measured.seen);
@@ -461,8 +454,8 @@ fn marching(rows: &mut Rows) {
         march_step: 0.01,
         ..Tracking::default()
     };
-    let measured = measure(rows.seed(), 100, |stream, counts| {
-        [shot.transmits(&tracking, stream, counts)]
+    let measured = measure(rows.seed(), 100, |stream| {
+        [shot.transmits(&tracking, stream)]
     });
     let mean = measured.moments[0].mean();
     let row = Row::exact("0.01 voxels: unbiased", exact, mean, &measured.seen);
@@ -475,14 +468,14 @@ fn split(rows: &mut Rows) {
     let expected = (-case.tau(case.end)).exp();
     let cuts = [0.0, 11.3, 24.0, case.end];
     for Estimator { name, tracking } in transmittance_estimators() {
-        let measured = measure(rows.seed(), ESTIMATES / 4, |stream, counts| {
+        let measured = measure(rows.seed(), ESTIMATES / 4, |stream| {
             let parts = cuts.windows(2).map(|w| {
                 let part = Ray {
                     origin: case.ray.at(w[0]),
                     direction: case.ray.direction,
                 };
                 let length = w[1] - w[0];
-                tracking.estimate_transmittance(&medium, &part, length, 0.0, stream, counts)
+                tracking.estimate_transmittance(&medium, &part, length, 0.0, stream)
             });
             [f64::from(parts.product::<f32>())]
         });
@@ -497,8 +490,8 @@ pub(super) fn thick(rows: &mut Rows) {
     let [_, case, ..] = cases(4.0);
     let shot = Shot::new(&case);
     for Estimator { name, tracking } in transmittance_estimators() {
-        let measured = measure(rows.seed(), ESTIMATES, |stream, counts| {
-            let t = shot.transmits(&tracking, stream, counts);
+        let measured = measure(rows.seed(), ESTIMATES, |stream| {
+            let t = shot.transmits(&tracking, stream);
             [t, f64::from(u8::from(!(0.0..=1.0).contains(&t)))]
         });
         let [weights, outside] = &measured.moments;

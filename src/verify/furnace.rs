@@ -245,10 +245,10 @@ fn convex(rows: &mut Rows, body: Body, g: f32) {
             &lights,
             transport(integrator, None),
         );
-        let measured = measure(rows.seed(), PATHS, |stream, counts| {
+        let measured = measure(rows.seed(), PATHS, |stream| {
             let ray = body.enter(stream);
-            let _radiance = context.sample_radiance(ray, stream, counts);
-            [counts.scattered_rays as f64]
+            let _radiance = context.sample_radiance(ray, stream);
+            [stream.counts.scattered_rays as f64]
         });
         let name = format!("scatterings, {name}");
         rows.push(Row::mean(
@@ -264,14 +264,14 @@ fn convex(rows: &mut Rows, body: Body, g: f32) {
         estimators.truncate(1);
     }
     for estimator in estimators {
-        let measured = measure(rows.seed(), PATHS / 2, |stream, counts| {
+        let measured = measure(rows.seed(), PATHS / 2, |stream| {
             let mut ray = body.enter(stream);
             let mut length = 0.0;
             loop {
                 let exit = body.exit(&ray);
                 let flight = estimator
                     .tracking
-                    .sample_collision(&medium, &ray, exit, stream, counts);
+                    .sample_collision(&medium, &ray, exit, stream);
                 let Some(t) = flight else {
                     return [length + exit];
                 };
@@ -310,11 +310,11 @@ fn balance(rows: &mut Rows) {
     };
     let analog = context(IntegratorKind::Analog);
     let camera = |stream: &mut Stream| Body::Cube(1.25).enter(stream);
-    let nature = measure(rows.seed(), 400_000, |stream, counts| {
+    let nature = measure(rows.seed(), 400_000, |stream| {
         let ray = camera(stream);
-        let [r, t, _] = analog.sample_radiance(ray, stream, counts).radiance.0;
+        let [r, t, _] = analog.sample_radiance(ray, stream).radiance.0;
         // The last collision of a path that does not scatter absorbs.
-        let absorbed = (counts.real_collisions - counts.scattered_rays) as f64;
+        let absorbed = (stream.counts.real_collisions - stream.counts.scattered_rays) as f64;
         let (r, t) = (f64::from(r), f64::from(t));
         [r + t + absorbed, r, t, absorbed]
     });
@@ -322,9 +322,9 @@ fn balance(rows: &mut Rows) {
     let row = Row::exact("analog", 1.0, sum.mean(), &nature.seen);
     rows.push(row.tolerance(2.5e-7, "two roundings of the light's radiance in f32"));
     let path = context(IntegratorKind::Path);
-    let weighted = measure(rows.seed(), 250_000, |stream, counts| {
+    let weighted = measure(rows.seed(), 250_000, |stream| {
         let ray = camera(stream);
-        let [r, t, _] = path.sample_radiance(ray, stream, counts).radiance.0;
+        let [r, t, _] = path.sample_radiance(ray, stream).radiance.0;
         [f64::from(r + t), f64::from(r), f64::from(t)]
     });
     let [_, r, t, a] = nature.moments;

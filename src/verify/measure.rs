@@ -94,15 +94,14 @@ pub(super) struct Measured<const K: usize> {
 pub(super) fn measure<const K: usize>(
     seed: u64,
     n: u64,
-    mut sample: impl FnMut(&mut Stream, &mut Counts) -> [f64; K],
+    mut sample: impl FnMut(&mut Stream) -> [f64; K],
 ) -> Measured<K> {
     let mut moments = [Moments::default(); K];
     let mut seen = Seen::default();
     for index in 0..n {
         let mut stream = stream(seed, index);
-        let mut counts = Counts::default();
-        let values = sample(&mut stream, &mut counts);
-        seen.add(&counts);
+        let values = sample(&mut stream);
+        seen.add(&stream.counts);
         if values.iter().all(|x| x.is_finite()) {
             for (m, x) in moments.iter_mut().zip(values) {
                 m.add(x);

@@ -88,9 +88,9 @@ pub(super) fn radiance(
     mut camera: impl FnMut(&mut Stream) -> Ray,
 ) -> Measured<3> {
     let context = Context::new(std::slice::from_ref(medium), lights, settings);
-    measure(seed, n, |stream, counts| {
+    measure(seed, n, |stream| {
         let ray = camera(stream);
-        let sample = context.sample_radiance(ray, stream, counts);
+        let sample = context.sample_radiance(ray, stream);
         sample.radiance.0.map(f64::from)
     })
 }

@@ -186,9 +186,9 @@ fn absorption(rows: &mut Rows) {
         let medium = ball.medium(sigma_t, Rgb::BLACK, phase(0.0));
         let lights = sky(Rgb::WHITE);
         let context = Context::new(std::slice::from_ref(&medium), &lights, settings);
-        let measured = measure(rows.seed(), 400_000, |stream, counts| {
+        let measured = measure(rows.seed(), 400_000, |stream| {
             let ray = beam(stream);
-            let sample = context.sample_radiance(ray, stream, counts);
+            let sample = context.sample_radiance(ray, stream);
             [area * (1.0 - f64::from(sample.radiance.0[0]))]
         });
         let row = Row::mean(

@@ -329,14 +329,9 @@ fn measure(asset: &Asset, k: f64, tracking: &Tracking, predicted: &[Prediction])
                 sample: sample as u64,
                 ..StreamKey::default()
             });
-            let estimate = tracking.estimate_transmittance(
-                &medium,
-                &ray,
-                f64::INFINITY,
-                0.0,
-                &mut stream,
-                &mut counts,
-            );
+            let estimate =
+                tracking.estimate_transmittance(&medium, &ray, f64::INFINITY, 0.0, &mut stream);
+            counts.add(&stream.counts);
             f64::from(estimate)
         });
         let weights: Vec<f64> = weights.collect();
@@ -491,9 +486,12 @@ fn check_deterministic(asset: &Asset, depth: f64, k: f64) {
             origin: *origin,
             direction: *direction,
         };
-        let mut stream = Stream::new(StreamKey::default());
-        let mut estimate = |tracking: &Tracking, counts: &mut Counts| {
-            tracking.estimate_transmittance(&medium, &ray, f64::INFINITY, 0.0, &mut stream, counts)
+        let estimate = |tracking: &Tracking, counts: &mut Counts| {
+            let mut stream = Stream::new(StreamKey::default());
+            let end = f64::INFINITY;
+            let through = tracking.estimate_transmittance(&medium, &ray, end, 0.0, &mut stream);
+            counts.add(&stream.counts);
+            through
         };
         let got = f64::from(estimate(&exact, &mut exact_counts));
         let predicted = predict(parts, k, Control::Zero, 1.0).transmittance;

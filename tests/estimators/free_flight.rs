@@ -219,8 +219,8 @@ fn free_flight_draws_the_right_distances() {
                     ..StreamKey::default()
                 });
                 let end = f64::INFINITY;
-                let flight =
-                    tracking.sample_collision(&medium, &ray, end, &mut stream, &mut counts);
+                let flight = tracking.sample_collision(&medium, &ray, end, &mut stream);
+                counts.add(&stream.counts);
                 let Some(t) = flight else {
                     escaped += 1;
                     continue;
@@ -346,14 +346,9 @@ fn estimates(case: &Case, tracking: &Tracking, roulette: f32, seed: u64, n: usiz
                 ..StreamKey::default()
             });
             let end = f64::INFINITY;
-            f64::from(tracking.estimate_transmittance(
-                &medium,
-                &ray,
-                end,
-                roulette,
-                &mut stream,
-                &mut counts,
-            ))
+            let weight = tracking.estimate_transmittance(&medium, &ray, end, roulette, &mut stream);
+            counts.add(&stream.counts);
+            f64::from(weight)
         })
         .collect();
     assert_eq!(counts.bound_violations, 0, "{}", case.name);
@@ -477,7 +472,8 @@ fn seventeen_decades_of_extinction_follow_beer_and_lambert() {
                 origin: start,
                 direction: DVec3::Y,
             };
-            let flight = tracking.sample_collision(&medium, &ray, length, &mut stream, &mut counts);
+            let flight = tracking.sample_collision(&medium, &ray, length, &mut stream);
+            counts.add(&stream.counts);
             escaped += u32::from(flight.is_none());
         }
         // The tile is 4096 wide with ramps: at low extinction the ray leaves it.

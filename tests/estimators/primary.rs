@@ -26,7 +26,6 @@ use majorant::scene::Scene;
 use majorant::silhouette::Silhouette;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
-use majorant::stats::Counts;
 use majorant::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 
 /// A lumpy ball of radius about 20 voxels around the origin, with holes.
@@ -126,9 +125,8 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             ..Tracking::default()
         };
         let mut stream = Stream::new(StreamKey::default());
-        let mut counts = Counts::default();
         let mut at = |t: f64| {
-            let t = exact.estimate_transmittance(&medium, &ray, t, 0.0, &mut stream, &mut counts);
+            let t = exact.estimate_transmittance(&medium, &ray, t, 0.0, &mut stream);
             f64::from(t)
         };
         let step = (end - start) / CELLS as f64;
@@ -150,17 +148,16 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             "{name}: all is between {start} and {end}"
         );
         for (k, (below, tracking)) in runs.iter().enumerate() {
-            let mut counts = Counts::default();
+            let mut stream = Stream::new(StreamKey::default());
             let n = 1 << 16;
             let (mut sum, mut square) = ([0.0; CELLS + 1], [0.0; CELLS + 1]);
             for pixel in 0..n {
                 // A sample of a pixel, as a frame draws it: the numbers of its sequence are
                 // independent among pixels.
                 let streams = PixelStreams::new(1 + k as u64, 0, pixel, SamplerKind::Sobol);
-                let mut stream = streams.stream(5);
+                streams.start(5, &mut stream);
                 let choice = (*below, stream.number(Number::Collision));
-                let flight =
-                    tracking.expected_flight(&medium, &ray, choice, &mut stream, &mut counts);
+                let flight = tracking.expected_flight(&medium, &ray, choice, &mut stream);
                 let through = f64::from(flight.transmittance);
                 assert!((0.0..=1.0).contains(&through), "{name}: {flight:?}");
                 let mut x = [0.0; CELLS + 1];
@@ -173,7 +170,7 @@ fn expected_flights_have_the_distribution_of_real_ones() {
                     square[i] += x[i] * x[i];
                 }
             }
-            assert_eq!(counts.bound_violations, 0, "bounds hold");
+            assert_eq!(stream.counts.bound_violations, 0, "bounds hold");
             for i in 0..=CELLS {
                 let n = n as f64;
                 let mean = sum[i] / n;
@@ -376,7 +373,6 @@ fn pixels_beside_the_medium_see_nothing_of_it() {
             let camera = Camera::look_at(eye, to, DVec3::Z, 0.9, 1.5).expect("a view");
             let silhouette = Silhouette::new(std::slice::from_ref(&medium), &camera, width, height);
             let mut stream = Stream::new(StreamKey::default());
-            let mut counts = Counts::default();
             let (mut covered, mut hit) = (0, 0);
             for (x, y) in (0..height).flat_map(|y| (0..width).map(move |x| (x, y))) {
                 let mut least = 1.0_f32;
@@ -386,14 +382,7 @@ fn pixels_beside_the_medium_see_nothing_of_it() {
                         / DVec2::new(width.into(), height.into());
                     let ray = camera.ray(film);
                     let end = f64::INFINITY;
-                    let t = exact.estimate_transmittance(
-                        &medium,
-                        &ray,
-                        end,
-                        0.0,
-                        &mut stream,
-                        &mut counts,
-                    );
+                    let t = exact.estimate_transmittance(&medium, &ray, end, 0.0, &mut stream);
                     least = least.min(t);
                 }
                 if silhouette.covers(x, y) {

@@ -31,7 +31,6 @@ use majorant::sampling::{Stream, StreamKey};
 use majorant::scene::Scene;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
-use majorant::stats::Counts;
 use majorant::tracking::Tracking;
 
 fn grid(tree: Tree<f32>, voxel_size: f64) -> Arc<DensityGrid> {
@@ -214,17 +213,13 @@ fn single_scattering_in_a_slab_is_the_closed_form() {
         let origin = DVec3::new(2000.0, 2000.0, 64.0) - direction * 500.0;
         let n = 1_600_000;
         let (mut sum, mut square) = (0.0, 0.0);
-        let mut counts = Counts::default();
         for sample in 0..n {
             let mut stream = Stream::new(StreamKey {
                 sample,
                 ..StreamKey::default()
             });
             let ray = Ray { origin, direction };
-            let x = context
-                .sample_radiance(ray, &mut stream, &mut counts)
-                .radiance
-                .0[0];
+            let x = context.sample_radiance(ray, &mut stream).radiance.0[0];
             sum += f64::from(x);
             square += f64::from(x).powi(2);
         }
@@ -261,7 +256,6 @@ fn slabs_reflect_and_transmit_what_discrete_ordinates_say() {
         let medium = Medium::new(Arc::clone(&grid), tau / 128.0, Rgb::WHITE, phase);
         let n = 200_000;
         let (mut up, mut down) = (Vec::with_capacity(n), Vec::with_capacity(n));
-        let mut counts = Counts::default();
         for sample in 0..n as u64 {
             let mut stream = Stream::new(StreamKey {
                 seed: 7,
@@ -276,9 +270,7 @@ fn slabs_reflect_and_transmit_what_discrete_ordinates_say() {
             };
             let mut weight = 1.0_f64;
             let end = f64::INFINITY;
-            while let Some(t) =
-                tracking.sample_collision(&medium, &ray, end, &mut stream, &mut counts)
-            {
+            while let Some(t) = tracking.sample_collision(&medium, &ray, end, &mut stream) {
                 weight *= albedo;
                 let direction = medium.phase().sample(ray.direction, &mut stream);
                 ray = Ray {
@@ -327,7 +319,6 @@ fn weak_paths_are_not_lost() {
         };
         let n = 1_600_000;
         let (mut sum, mut square) = (0.0, 0.0);
-        let mut counts = Counts::default();
         for sample in 0..n {
             let key = StreamKey {
                 seed,
@@ -335,7 +326,7 @@ fn weak_paths_are_not_lost() {
                 ..StreamKey::default()
             };
             let mut stream = Stream::new(key);
-            let sample = context.sample_radiance(ray, &mut stream, &mut counts);
+            let sample = context.sample_radiance(ray, &mut stream);
             let x = f64::from(sample.radiance.0[0]);
             sum += x;
             square += x * x;

@@ -62,15 +62,12 @@ fn measure(
 ) -> ([f64; 3], [f64; 3]) {
     let context = Context::new(media, lights, settings);
     let (mut sum, mut square) = ([0.0; 3], [0.0; 3]);
-    let mut counts = Counts::default();
     for sample in 0..n {
         let mut stream = Stream::new(StreamKey {
             sample: sample.into(),
             ..StreamKey::default()
         });
-        let x = context
-            .sample_radiance(ray, &mut stream, &mut counts)
-            .radiance;
+        let x = context.sample_radiance(ray, &mut stream).radiance;
         for c in 0..3 {
             sum[c] += f64::from(x.0[c]);
             square[c] += f64::from(x.0[c]).powi(2);
@@ -314,9 +311,9 @@ fn a_spike_costs_its_voxels_and_no_more() {
             });
             let mut weights = Rgb::WHITE;
             let place = (&medium, &ray, f64::INFINITY);
-            let t =
-                tracking.chromatic_collision(place, &mut weights, None, &mut stream, &mut counts);
-            let flight = tracking.chromatic_flight(&medium, &ray, 0.1, &mut stream, &mut counts);
+            let t = tracking.chromatic_collision(place, &mut weights, None, &mut stream);
+            let flight = tracking.chromatic_flight(&medium, &ray, 0.1, &mut stream);
+            counts.add(&stream.counts);
             let beyond = |t: f64| if t > middle { 1.0 } else { 0.0 };
             let by_chance = [
                 weights * t.map_or(1.0, beyond),

@@ -30,7 +30,6 @@ use majorant::sampling::{SamplerKind, Stream, StreamKey};
 use majorant::scene::Scene;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
-use majorant::stats::Counts;
 use majorant::tracking::{Tracking, TransmittanceEstimator};
 
 /// A cube of `2 r` voxels of `size`, of what `value` says.
@@ -156,7 +155,7 @@ fn along(media: &[Medium], lights: &Lights, ray: Ray, n: u32) -> ([f64; 3], [f64
             sample: sample.into(),
             ..StreamKey::default()
         });
-        let found = context.sample_radiance(ray, &mut stream, &mut Counts::default());
+        let found = context.sample_radiance(ray, &mut stream);
         for (c, x) in found.radiance.0.map(f64::from).into_iter().enumerate() {
             sum[c] += x;
             squares[c] += x * x;
@@ -184,10 +183,9 @@ fn a_slab_that_absorbs_emits_what_it_should() {
             transmittance: TransmittanceEstimator::Exact,
             ..Tracking::default()
         };
-        let (mut stream, mut counts) = (Stream::new(StreamKey::default()), Counts::default());
+        let mut stream = Stream::new(StreamKey::default());
         let end = f64::INFINITY;
-        let through =
-            exact.estimate_transmittance(&medium, &ray, end, 0.0, &mut stream, &mut counts);
+        let through = exact.estimate_transmittance(&medium, &ray, end, 0.0, &mut stream);
         let (mean, error) = along(&[medium.glowing(isothermal())], &lights, ray, n);
         for c in 0..3 {
             let expected = f64::from(glow.0[c]) * (1.0 - f64::from(through));

@@ -93,7 +93,8 @@ fn measure(
                     ..StreamKey::default()
                 });
                 let (ray, weight) = ray(&mut stream);
-                let found = context.sample_radiance(ray, &mut stream, &mut counts);
+                let found = context.sample_radiance(ray, &mut stream);
+                counts.add(&stream.counts);
                 for (c, x) in found.radiance.0.into_iter().enumerate() {
                     let x = f64::from(x) * weight;
                     sums[0][c] += x;

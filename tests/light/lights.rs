@@ -27,7 +27,6 @@ use majorant::sampling::{Stream, StreamKey};
 use majorant::scene::Scene;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
-use majorant::stats::Counts;
 
 fn grid(voxels: impl IntoIterator<Item = (IVec3, f32)>) -> Arc<DensityGrid> {
     let tree = Tree::from_voxels(0.0, voxels);
@@ -265,7 +264,6 @@ fn measure(
     n: u32,
 ) -> ([f64; 3], [f64; 3]) {
     let (mut sum, mut square) = ([0.0; 3], [0.0; 3]);
-    let mut counts = Counts::default();
     for sample in 0..n {
         let mut stream = Stream::new(StreamKey {
             seed,
@@ -273,7 +271,7 @@ fn measure(
             ..StreamKey::default()
         });
         let ray = ray(&mut stream);
-        let x = context.sample_radiance(ray, &mut stream, &mut counts);
+        let x = context.sample_radiance(ray, &mut stream);
         for (c, x) in x.radiance.0.into_iter().enumerate() {
             sum[c] += f64::from(x);
             square[c] += f64::from(x).powi(2);

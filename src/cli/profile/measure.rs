@@ -203,7 +203,7 @@ impl Measured {
     fn tile(&mut self, bench: &Bench<'_>, tile: Region, follower: &mut Follower) {
         let (replay, paths) = bench.replay(tile, follower);
         self.paths += paths;
-        self.recorded.add(&replay.recorded);
+        self.recorded.add(replay.recorded());
         self.replayed_rays += replay.ray_count() as u64;
         let mut counts = Counts::default();
         self.render_secs += shortest(|| counts = bench.render(tile));

@@ -124,8 +124,6 @@ pub(super) struct Replay<'a> {
     vertices: Vec<Vertex<'a>>,
     walks: Vec<Walk>,
     reads: Vec<Read>,
-    /// What the rays did while they were recorded.
-    pub(super) recorded: Counts,
 }
 
 impl<'a> Replay<'a> {
@@ -144,13 +142,17 @@ impl<'a> Replay<'a> {
             vertices: Vec::new(),
             walks: Vec::new(),
             reads: Vec::new(),
-            recorded: Counts::default(),
         }
     }
 
     /// Returns the number of rays, each in one medium.
     pub(super) fn ray_count(&self) -> usize {
         self.walks.len()
+    }
+
+    /// Returns what the rays did while they were recorded.
+    pub(super) fn recorded(&self) -> &Counts {
+        &self.stream.counts
     }
 
     /// Sends a path out along a camera ray, and keeps its rays.
@@ -302,12 +304,7 @@ impl<'a> Replay<'a> {
             reads: &mut self.reads,
             follower,
         };
-        walk(
-            &mut ray,
-            &mut self.stream,
-            &mut self.recorded,
-            &mut recorder,
-        );
+        walk(&mut ray, &mut self.stream, &mut recorder);
         let met = recorder.met;
         kept.steps = recorder.step + u32::from(recorder.is_over);
         kept.reads.end = self.reads.len();
@@ -354,8 +351,9 @@ impl<'a> Replay<'a> {
             Pass::Track => {
                 let mut stream = Stream::new(StreamKey::default());
                 for walk in &self.walks {
-                    self.track(walk, &mut stream, &mut counts);
+                    self.track(walk, &mut stream);
                 }
+                counts = stream.counts;
             }
         }
         counts
@@ -376,24 +374,22 @@ impl<'a> Replay<'a> {
         }
     }
 
-    fn track(&self, walk: &Walk, stream: &mut Stream, counts: &mut Counts) {
+    fn track(&self, walk: &Walk, stream: &mut Stream) {
         let Tracked { medium, tracking } = &self.tracked[walk.medium];
         match walk.start {
             _ if !walk.is_shadow => {
                 let mut ray = self.start(walk);
                 let depth = stream.exponential();
-                black_box(tracking.next_collision(&mut ray, depth, stream, counts));
+                black_box(tracking.next_collision(&mut ray, depth, stream));
             }
             Start::Vertex(vertex, direction) => {
                 let Vertex { walk: path, t, .. } = &self.vertices[vertex];
                 let to = (direction, walk.t_max);
-                black_box(tracking.transmittance_from((path, *t), to, ROULETTE, stream, counts));
+                black_box(tracking.transmittance_from((path, *t), to, ROULETTE, stream));
             }
             Start::Outside(ray) => {
                 let t_max = walk.t_max;
-                black_box(
-                    tracking.estimate_transmittance(medium, &ray, t_max, ROULETTE, stream, counts),
-                );
+                black_box(tracking.estimate_transmittance(medium, &ray, t_max, ROULETTE, stream));
             }
         }
     }
@@ -444,7 +440,6 @@ impl Visitor for Recorder<'_> {
         segment: &BoundSegment,
         depth: &mut f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         self.step += 1;
         let (t0, length) = (segment.t0, segment.t1 - segment.t0);
@@ -466,11 +461,11 @@ impl Visitor for Recorder<'_> {
             is_integral: true,
         });
         if self.weight.is_some() {
-            self.take(through(ray.optical_depth(counts)), stream)?;
+            self.take(through(ray.optical_depth(&mut stream.counts)), stream)?;
             return ControlFlow::Continue(0.0);
         }
         let mut left = f64::from(*depth);
-        if let Some(t) = ray.reach_depth(&mut left, counts) {
+        if let Some(t) = ray.reach_depth(&mut left, &mut stream.counts) {
             self.end(Some(t));
             return ControlFlow::Break(());
         }
@@ -487,14 +482,13 @@ impl Visitor for Recorder<'_> {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
         let Collision { t, rate } = *collision;
         if segment.is_homogeneous() {
             self.end(Some(t));
             return ControlFlow::Break(());
         }
-        counts.lookups += 1;
+        stream.counts.lookups += 1;
         let bits = stream.bits();
         self.reads.push(Read {
             step: self.step,

@@ -12,7 +12,6 @@ use super::{ChromaticFlight, Optics, attenuate, choose, settled_at, settled_dept
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 
 /// The walk, and one of its collisions so far.
 struct Expected {
@@ -86,14 +85,14 @@ impl Visitor for Expected {
         segment: &BoundSegment,
         _depth: &mut f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         let rate = segment.sigma_maj * self.optics.rate;
-        let Some(depth) = settled_depth(ray, segment, (rate, self.exact_above), counts) else {
+        let Some(depth) = settled_depth(ray, segment, (rate, self.exact_above), &mut stream.counts)
+        else {
             return ControlFlow::Continue(rate);
         };
         if let Some((met_at, weights)) = self.cross(depth, stream) {
-            let t = settled_at(ray, segment, met_at, counts);
+            let t = settled_at(ray, segment, met_at, &mut stream.counts);
             self.meet(t, weights, stream);
         }
         self.goes_on(segment.t1)?;
@@ -106,10 +105,9 @@ impl Visitor for Expected {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
         let Collision { t, rate } = *collision;
-        let sigma_t = look_up(ray, segment, t, stream, counts);
+        let sigma_t = look_up(ray, segment, t, stream);
         // Zero: as empty as it looks.
         if sigma_t > 0.0 {
             let w = self.weights * self.optics.tint * (sigma_t / rate);
@@ -128,12 +126,8 @@ impl Visitor for Expected {
 pub(super) fn flight(
     mut ray: MediumRay<'_>,
     optics: Optics,
-    (analog_below, rest): (
-        f32,
-        impl FnOnce(f64, &mut Rgb, &mut Stream, &mut Counts) -> Option<f64>,
-    ),
+    (analog_below, rest): (f32, impl FnOnce(f64, &mut Rgb, &mut Stream) -> Option<f64>),
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> ChromaticFlight {
     let mut visitor = Expected {
         optics,
@@ -144,10 +138,10 @@ pub(super) fn flight(
         met: 0.0,
         chosen: None,
     };
-    walk(&mut ray, stream, counts, &mut visitor);
+    walk(&mut ray, stream, &mut visitor);
     // Zero: no rest is left.
     if let Some(t) = visitor.rest_from.filter(|_| sum(visitor.weights) > 0.0)
-        && let Some(further) = rest(t, &mut visitor.weights, stream, counts)
+        && let Some(further) = rest(t, &mut visitor.weights, stream)
     {
         let weights = visitor.weights;
         visitor.meet(t + further, weights, stream);

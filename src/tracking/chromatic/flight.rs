@@ -22,7 +22,6 @@ use super::{Factor, Optics, attenuate, choose, settled_at, settled_depth, sum};
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 
 /// A flight whose weights decide what is real.
 struct Flight<'n> {
@@ -69,17 +68,17 @@ impl Visitor for Flight<'_> {
         segment: &BoundSegment,
         _depth: &mut f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         let rate = segment.sigma_maj * self.optics.rate;
-        let Some(depth) = settled_depth(ray, segment, (rate, self.exact_above), counts) else {
+        let Some(depth) = settled_depth(ray, segment, (rate, self.exact_above), &mut stream.counts)
+        else {
             return ControlFlow::Continue(rate);
         };
         let Some(met_at) = self.settle(segment.t0, depth, stream) else {
             return ControlFlow::Continue(0.0);
         };
-        self.accepted = Some(settled_at(ray, segment, met_at, counts));
-        counts.real_collisions += 1;
+        self.accepted = Some(settled_at(ray, segment, met_at, &mut stream.counts));
+        stream.counts.real_collisions += 1;
         ControlFlow::Break(())
     }
 
@@ -89,22 +88,21 @@ impl Visitor for Flight<'_> {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
         let Collision { t, rate } = *collision;
-        let part = look_up(ray, segment, t, stream, counts) / rate;
+        let part = look_up(ray, segment, t, stream) / rate;
         let tint = self.optics.tint;
         // Not zero: a path without weight has ended.
         let probability = sum(self.weights * tint * part) / sum(self.weights);
         if stream.uniform_positive() <= probability {
             self.multiply(t, tint * (part / probability));
             self.accepted = Some(t);
-            counts.real_collisions += 1;
+            stream.counts.real_collisions += 1;
             return ControlFlow::Break(());
         }
         let scale = (1.0 - probability).recip();
         self.multiply(t, Rgb(tint.0.map(|tint| (1.0 - tint * part) * scale)));
-        counts.null_collisions += 1;
+        stream.counts.null_collisions += 1;
         ControlFlow::Continue(())
     }
 }
@@ -116,7 +114,6 @@ pub(super) fn sample(
     optics: Optics,
     (weights, factors): (&mut Rgb, Option<&mut Vec<Factor>>),
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> Option<f64> {
     let mut visitor = Flight {
         optics,
@@ -125,7 +122,7 @@ pub(super) fn sample(
         exact_above: EXACT_COLLISIONS_PER_VOXEL * ray.voxels_per_length(),
         factors,
     };
-    walk(&mut ray, stream, counts, &mut visitor);
+    walk(&mut ray, stream, &mut visitor);
     *weights = visitor.weights;
     visitor.accepted
 }

@@ -134,14 +134,13 @@ impl Tracking {
         weights: &mut Rgb,
         factors: Option<&mut Vec<Factor>>,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Option<f64> {
         let walk = self.start_path(medium, ray, t_max);
         let optics = Optics {
             tint: medium.tint(),
             rate: self.flight_rate,
         };
-        flight::sample(walk, optics, (weights, factors), stream, counts)
+        flight::sample(walk, optics, (weights, factors), stream)
     }
 
     /// As [`estimate_transmittance`](Self::estimate_transmittance), of each channel; roulette goes by
@@ -151,14 +150,13 @@ impl Tracking {
         (medium, ray, t_max): (&Medium, &Ray, f64),
         roulette_weight: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> Rgb {
         let walk = self.start_path(medium, ray, t_max);
         let optics = Optics {
             tint: medium.tint(),
             rate: self.rate,
         };
-        ratio::estimate(walk, optics, roulette_weight, stream, counts)
+        ratio::estimate(walk, optics, roulette_weight, stream)
     }
 
     /// As [`expected_flight`](Self::expected_flight), of each channel.
@@ -171,21 +169,20 @@ impl Tracking {
         ray: &Ray,
         analog_below: f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ChromaticFlight {
         let optics = Optics {
             tint: medium.tint(),
             rate: self.rate.max(LEAST_RATE),
         };
         let walk = self.start_path(medium, ray, f64::INFINITY);
-        let rest = |t, weights: &mut Rgb, stream: &mut Stream, counts: &mut Counts| {
+        let rest = |t, weights: &mut Rgb, stream: &mut Stream| {
             let ray = Ray {
                 origin: ray.at(t),
                 ..*ray
             };
             let place = (medium, &ray, f64::INFINITY);
-            self.chromatic_collision(place, weights, None, stream, counts)
+            self.chromatic_collision(place, weights, None, stream)
         };
-        expected::flight(walk, optics, (analog_below, rest), stream, counts)
+        expected::flight(walk, optics, (analog_below, rest), stream)
     }
 }

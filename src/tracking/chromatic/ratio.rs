@@ -10,7 +10,6 @@ use super::{Optics, attenuate, settled_depth};
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::Stream;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 
 struct Ratio {
     optics: Optics,
@@ -24,13 +23,13 @@ struct Ratio {
 
 impl Ratio {
     /// Multiplies by factors that are not negative; plays roulette by the largest weight.
-    fn take(&mut self, factors: Rgb, stream: &mut Stream, counts: &mut Counts) -> ControlFlow<()> {
+    fn take(&mut self, factors: Rgb, stream: &mut Stream) -> ControlFlow<()> {
         self.weights *= factors;
         let most = self.weights.max_channel();
         if most < self.roulette_weight {
             if stream.uniform() * self.roulette_weight >= most {
                 self.weights = Rgb::BLACK;
-                counts.roulette_kills += 1;
+                stream.counts.roulette_kills += 1;
                 return ControlFlow::Break(());
             }
             // Not zero: nothing is below zero.
@@ -47,20 +46,21 @@ impl Visitor for Ratio {
         segment: &BoundSegment,
         _depth: &mut f32,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<(), f32> {
         let Optics { tint, rate } = self.optics;
         let (control, bound) = residual(segment);
         let rate = bound * rate;
-        if let Some(depth) = settled_depth(ray, segment, (rate, self.exact_above), counts) {
-            self.take(attenuate(tint, depth), stream, counts)?;
+        if let Some(depth) =
+            settled_depth(ray, segment, (rate, self.exact_above), &mut stream.counts)
+        {
+            self.take(attenuate(tint, depth), stream)?;
             return ControlFlow::Continue(0.0);
         }
         self.control = control;
         // Zero: nothing to subtract.
         if control > 0.0 {
             let depth = optical_depth(control, segment.t1 - segment.t0);
-            self.take(attenuate(tint, depth), stream, counts)?;
+            self.take(attenuate(tint, depth), stream)?;
         }
         ControlFlow::Continue(rate)
     }
@@ -71,13 +71,12 @@ impl Visitor for Ratio {
         segment: &BoundSegment,
         collision: &Collision,
         stream: &mut Stream,
-        counts: &mut Counts,
     ) -> ControlFlow<()> {
-        let sigma_t = look_up(ray, segment, collision.t, stream, counts);
+        let sigma_t = look_up(ray, segment, collision.t, stream);
         // Not negative: a tint is at most 1, and the rate at least sigma_maj − control.
         let part = (sigma_t - self.control) / collision.rate;
         let factors = Rgb(self.optics.tint.0.map(|tint| 1.0 - tint * part));
-        self.take(factors, stream, counts)
+        self.take(factors, stream)
     }
 }
 
@@ -89,7 +88,6 @@ pub(super) fn estimate(
     optics: Optics,
     roulette_weight: f32,
     stream: &mut Stream,
-    counts: &mut Counts,
 ) -> Rgb {
     let mut visitor = Ratio {
         optics,
@@ -98,8 +96,8 @@ pub(super) fn estimate(
         exact_above: EXACT_COLLISIONS_PER_VOXEL * ray.voxels_per_length(),
         control: 0.0,
     };
-    if visitor.take(Rgb::WHITE, stream, counts).is_continue() {
-        walk(&mut ray, stream, counts, &mut visitor);
+    if visitor.take(Rgb::WHITE, stream).is_continue() {
+        walk(&mut ray, stream, &mut visitor);
     }
     visitor.weights
 }

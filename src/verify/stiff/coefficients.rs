@@ -109,8 +109,8 @@ fn same_geometry(rows: &mut Rows, decade: i32) {
     let collided = -(-tau).exp_m1();
     let tracking = Tracking::default();
     let n = 6_000;
-    let measured = measure(rows.seed(), n, |stream, counts| {
-        let flight = tracking.sample_collision(&medium, &ray, 4.0, stream, counts);
+    let measured = measure(rows.seed(), n, |stream| {
+        let flight = tracking.sample_collision(&medium, &ray, 4.0, stream);
         let end = flight.unwrap_or(4.0);
         [f64::from(sigma_t) * cube.column(&ray, (0.0, end)) / collided]
     });
@@ -184,8 +184,8 @@ fn below_an_ulp(rows: &mut Rows) {
     let row = Row::exact("radiance", 0.0, lit.moments[0].mean(), &lit.seen);
     rows.push(row.steps_within(STEPS));
     let tracking = Tracking::default();
-    let measured = measure(rows.seed(), 10_000, |stream, counts| {
-        let flight = tracking.sample_collision(&medium, &ray, f64::INFINITY, stream, counts);
+    let measured = measure(rows.seed(), 10_000, |stream| {
+        let flight = tracking.sample_collision(&medium, &ray, f64::INFINITY, stream);
         [flight.map_or(f64::NAN, |t| t - 1e7)]
     });
     // The ramp begins at −17 voxels of 0.05, and is black after 1e-6 of one.

@@ -177,9 +177,9 @@ fn many(rows: &mut Rows, rays: &[Ray]) {
     let expected: Vec<f64> = rays.iter().map(expected).collect();
     let (mut worst, mut seen) = (0.0_f64, Seen::default());
     for (ray, expected) in rays.iter().zip(&expected) {
-        let measured = measure(0, 1, |stream, counts| {
+        let measured = measure(0, 1, |stream| {
             let end = f64::INFINITY;
-            let t = exact().estimate_transmittance(&medium, ray, end, 0.0, stream, counts);
+            let t = exact().estimate_transmittance(&medium, ray, end, 0.0, stream);
             [f64::from(t)]
         });
         worst = worst.max((measured.moments[0].mean() - expected).abs());
@@ -193,10 +193,10 @@ fn many(rows: &mut Rows, rays: &[Ray]) {
     let tracking = Tracking::default();
     let mut turn = rays.iter().cycle();
     let turns = 200_000 / rays.len() as u64;
-    let measured = measure(rows.seed(), turns * rays.len() as u64, |stream, counts| {
+    let measured = measure(rows.seed(), turns * rays.len() as u64, |stream| {
         let flight = turn
             .next()
-            .map(|ray| tracking.sample_collision(&medium, ray, f64::INFINITY, stream, counts));
+            .map(|ray| tracking.sample_collision(&medium, ray, f64::INFINITY, stream));
         [flight.map_or(f64::NAN, |t| f64::from(u8::from(t.is_none())))]
     });
     let mean = expected.iter().sum::<f64>() / expected.len() as f64;

@@ -99,10 +99,9 @@ fn between(rows: &mut Rows) {
         direction: DVec3::X,
     };
     let medium = volume.attenuating(1e8);
-    let measured = measure(rows.seed(), 1000, |stream, counts| {
+    let measured = measure(rows.seed(), 1000, |stream| {
         let end = 799_980.0;
-        let t =
-            Tracking::default().estimate_transmittance(&medium, &inside, end, 0.0, stream, counts);
+        let t = Tracking::default().estimate_transmittance(&medium, &inside, end, 0.0, stream);
         [f64::from(t)]
     });
     let row = Row::exact(
@@ -188,8 +187,8 @@ fn constant(rows: &mut Rows) {
             transmittance,
             ..Tracking::default()
         };
-        let measured = measure(rows.seed(), 1000, |stream, counts| {
-            let t = tracking.estimate_transmittance(&medium, &ray, 15.0, 0.0, stream, counts);
+        let measured = measure(rows.seed(), 1000, |stream| {
+            let t = tracking.estimate_transmittance(&medium, &ray, 15.0, 0.0, stream);
             [f64::from(t)]
         });
         let moments = &measured.moments[0];

@@ -43,9 +43,9 @@ fn exact() -> Tracking {
 
 /// One estimate of the transmittance by exact integration, which has no variance.
 fn exact_transmittance(medium: &Medium, ray: &Ray) -> Measured<1> {
-    measure(0, 1, |stream, counts| {
+    measure(0, 1, |stream| {
         let end = f64::INFINITY;
-        let t = exact().estimate_transmittance(medium, ray, end, 0.0, stream, counts);
+        let t = exact().estimate_transmittance(medium, ray, end, 0.0, stream);
         [f64::from(t)]
     })
 }
@@ -55,15 +55,15 @@ fn exact_transmittance(medium: &Medium, ray: &Ray) -> Measured<1> {
 fn along(rows: &mut Rows, medium: &Medium, ray: &Ray, tau: f64, n: u64, steps: u64) {
     let expected = (-tau).exp();
     let tracking = Tracking::default();
-    let flights = measure(rows.seed(), n, |stream, counts| {
-        let flight = tracking.sample_collision(medium, ray, f64::INFINITY, stream, counts);
+    let flights = measure(rows.seed(), n, |stream| {
+        let flight = tracking.sample_collision(medium, ray, f64::INFINITY, stream);
         [f64::from(u8::from(flight.is_none()))]
     });
     let row = Row::fraction("escape", expected, &flights.moments[0], &flights.seen);
     rows.push(row.tolerance(1e-6, ROUNDING).steps_within(steps));
-    let weights = measure(rows.seed(), n, |stream, counts| {
+    let weights = measure(rows.seed(), n, |stream| {
         let end = f64::INFINITY;
-        let t = tracking.estimate_transmittance(medium, ray, end, 0.0, stream, counts);
+        let t = tracking.estimate_transmittance(medium, ray, end, 0.0, stream);
         [f64::from(t)]
     });
     // Estimates lie in [0, 1], so their variance is at most that of 0 and 1; it has to do where

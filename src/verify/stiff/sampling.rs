@@ -12,7 +12,6 @@ use crate::phase::Phase;
 use crate::render::{NoProgress, render};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::stats::Counts;
 use crate::tracking::Tracking;
 use crate::verify::furnace::{Body, scene};
 use crate::verify::measure::{Moments, Seen, measure, stream};
@@ -85,13 +84,12 @@ fn ends(rows: &mut Rows) {
     for (name, index) in [("longest", lowest), ("shortest", highest)] {
         let u = (first(index) | 1) as f64 / 2.0_f64.powi(64);
         let depth = -u.ln();
-        let mut counts = Counts::default();
         let mut draw = stream(seed, index);
         let medium = tile.attenuating(0.05);
         let end = f64::INFINITY;
-        let flight = tracking.sample_collision(&medium, &ray, end, &mut draw, &mut counts);
+        let flight = tracking.sample_collision(&medium, &ray, end, &mut draw);
         let mut seen = Seen::default();
-        seen.add(&counts);
+        seen.add(&draw.counts);
         let reached = flight.map_or(f64::NAN, |t| t * f64::from(0.05_f32));
         let row = Row::exact(format!("{name} path"), depth, reached, &seen);
         let extreme = !(1e-7..16.7).contains(&depth);
@@ -102,11 +100,13 @@ fn ends(rows: &mut Rows) {
         );
         // A brick at its bound, up to its ramp.
         let medium = brick.attenuating(1.0);
-        let measured = measure(seed, 1, |_, counts| {
+        let measured = measure(seed, 1, |both| {
             let mut draw = stream(seed, index);
-            let t = tracking.estimate_transmittance(&medium, &ray, 4.5, 0.0, &mut draw, counts);
+            let t = tracking.estimate_transmittance(&medium, &ray, 4.5, 0.0, &mut draw);
+            both.counts.add(&draw.counts);
             let mut draw = stream(seed, index);
-            let flight = tracking.sample_collision(&medium, &ray, 4.5, &mut draw, counts);
+            let flight = tracking.sample_collision(&medium, &ray, 4.5, &mut draw);
+            both.counts.add(&draw.counts);
             let bounded = (0.0..=1.0).contains(&t);
             let inside = flight.is_none_or(|t| (0.0..=4.5).contains(&t));
             [f64::from(u8::from(bounded && inside))]
@@ -126,7 +126,7 @@ fn angles(rows: &mut Rows, g: f32) {
     let direction = DVec3::new(0.6, 0.0, -0.8);
     let peak = direction * f64::from(g.signum());
     let mut cells = [0_u32; CELLS];
-    let measured = measure(rows.seed(), 1_000_000, |stream, _| {
+    let measured = measure(rows.seed(), 1_000_000, |stream| {
         let out = phase.sample(direction, stream);
         // Half the square of the difference: small angles keep their digits.
         let x = (out - peak).length_squared() / 2.0;
@@ -157,12 +157,12 @@ fn long_paths(rows: &mut Rows, g: f32, sigma_t: f32, n: u64) {
         transport(IntegratorKind::Path, None),
     );
     let body = Body::Cube(1.25);
-    let measured = measure(rows.seed(), n, |stream, counts| {
+    let measured = measure(rows.seed(), n, |stream| {
         let ray = body.enter(stream);
-        let sample = context.sample_radiance(ray, stream, counts);
+        let sample = context.sample_radiance(ray, stream);
         [
             f64::from(sample.radiance.0[0]),
-            counts.scattered_rays as f64,
+            stream.counts.scattered_rays as f64,
         ]
     });
     let [radiance, bounces] = measured.moments;
