@@ -22,6 +22,39 @@ pub(super) struct Cell {
     pub(super) slot: Slot,
 }
 
+/// What the bound of a cell is about: the upper halves of two `f32`, the maximum rounded up.
+///
+/// Most collisions in blocks of many cells are decided by it, and it is a quarter of a cell: where a
+/// tile's paths go in 1024³ voxels, 30,000 cells are 540 KB, and these 140, which a second cache holds.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Hint {
+    min: u16,
+    max: u16,
+}
+
+impl Hint {
+    fn new(bound: Bound) -> Self {
+        let upper_half = |bits: u32| (bits >> 16) as u16;
+        Self {
+            min: upper_half(bound.min.to_bits()),
+            // Infinity, above the largest number that has a half.
+            max: upper_half(bound.max.to_bits() + 0xffff),
+        }
+    }
+
+    /// Returns what no value of the cell is below.
+    #[inline] // bench: frame
+    pub(super) fn min(self) -> f32 {
+        f32::from_bits(u32::from(self.min) << 16)
+    }
+
+    /// Returns what no value of the cell is above.
+    #[inline] // bench: frame
+    pub(super) fn max(self) -> f32 {
+        f32::from_bits(u32::from(self.max) << 16)
+    }
+}
+
 /// The cells of all lower nodes, in the order of their slots.
 #[derive(Debug)]
 pub(super) enum CellTable {
@@ -39,6 +72,11 @@ impl CellTable {
         let size = slots.len() * size_of::<Cell>();
         let mapped = (size >= LARGE).then(|| map(size, cells())).flatten();
         mapped.map_or_else(|| Self::Small(cells().collect()), Self::Large)
+    }
+
+    /// Returns the hint of each cell.
+    pub(super) fn hints(&self) -> Vec<Hint> {
+        self.iter().map(|cell| Hint::new(cell.bound)).collect()
     }
 }
 
@@ -63,6 +101,40 @@ impl Deref for CellTable {
         match self {
             Self::Small(cells) => cells,
             Self::Large(bytes) => bytemuck::cast_slice(bytes),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn hints_hold_their_bounds() {
+        let values = [
+            0.0,
+            1e-45,
+            3e-39,
+            0.1,
+            1.0,
+            1.000_000_1,
+            7.3,
+            3e38,
+            f32::MAX,
+        ];
+        for (i, &min) in values.iter().enumerate() {
+            for &max in &values[i..] {
+                let hint = Hint::new(Bound {
+                    min,
+                    max,
+                    mean: min,
+                });
+                assert!(hint.min() <= min && hint.max() >= max, "{hint:?}");
+                let unit = 1e-40;
+                assert!(hint.min() >= min * (1.0 - 1.0 / 128.0) - unit, "{hint:?}");
+                let is_close = hint.max() <= max * (1.0 + 1.0 / 128.0) + unit;
+                assert!(is_close || max == f32::MAX, "{hint:?} for {max}");
+            }
         }
     }
 }

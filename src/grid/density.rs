@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::blocks::Blocks;
 use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
-use super::cells::{Cell, CellTable};
+use super::cells::{Cell, CellTable, Hint};
 use super::directory::Directory;
 use super::encoding::Encoding;
 use super::sampler::Sampler;
@@ -21,6 +21,8 @@ pub struct DensityGrid {
     pub(super) tree: Tree<f32>,
     /// Slots and bounds of the lower nodes, which tree and bounds no longer have.
     pub(super) cells: CellTable,
+    /// One for each cell.
+    pub(super) hints: Vec<Hint>,
     pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
@@ -115,6 +117,7 @@ impl DensityGrid {
         }
         Self {
             tree,
+            hints: cells.hints(),
             cells,
             values,
             bounds,
@@ -278,6 +281,7 @@ impl DensityGrid {
     pub fn memory_bytes(&self) -> usize {
         self.tree.memory_bytes()
             + size_of_val(&self.cells[..])
+            + size_of_val(&self.hints[..])
             + self.values.memory_bytes()
             + self.bounds.memory_bytes()
             + self.directory.memory_bytes()

@@ -115,13 +115,20 @@ impl<'a> Sampler<'a> {
     /// Returns the brick that holds voxel `p`, or the value of its tile.
     #[inline] // bench: lookup
     fn stored(&mut self, p: IVec3) -> Result<usize, f32> {
-        let slot = self.cell(p)?.slot;
-        slot.get().map_err(|tile| self.tree.tiles[tile].value)
+        let cell = self.cell(p)?;
+        self.brick(cell)
     }
 
-    /// Returns the cell of voxel `p`, or the value of a tile that covers its whole node.
+    /// Returns the brick that a cell is, or the value of its tile.
     #[inline] // bench: lookup
-    fn cell(&mut self, p: IVec3) -> Result<&'a Cell, f32> {
+    fn brick(&self, cell: usize) -> Result<usize, f32> {
+        let brick = self.cells[cell].slot.get();
+        brick.map_err(|tile| self.tree.tiles[tile].value)
+    }
+
+    /// Returns the number of the cell of voxel `p`, or the value of a tile that covers its whole node.
+    #[inline] // bench: lookup
+    fn cell(&mut self, p: IVec3) -> Result<usize, f32> {
         let key = p >> LOWER_TOTAL_LOG2;
         if key != self.key {
             self.key = key;
@@ -133,7 +140,7 @@ impl<'a> Sampler<'a> {
                 Content::Tile { value, .. } => Err(value),
             };
         }
-        Ok(&self.cells[self.node? + lower_slot(p)])
+        Ok(self.node? + lower_slot(p))
     }
 
     /// Returns the trilinear value at `p_index`, never outside the range of its eight taps.
@@ -189,9 +196,9 @@ impl<'a> Sampler<'a> {
         if (x | y | z) >> BRICK_LOG2 != 0 {
             return Err(UVec3::new(x, y, z).as_ivec3());
         }
-        Ok(match self.cells[slot].slot.get() {
+        Ok(match self.brick(slot) {
             Ok(b) => self.grid.values.get(b, ((x << 6) | (y << 3) | z) as usize),
-            Err(tile) => self.tree.tiles[tile].value,
+            Err(value) => value,
         })
     }
 
@@ -216,8 +223,7 @@ impl<'a> Sampler<'a> {
     /// `accepts` says of it if the bounds of its own cell tell, and returns it to be asked else.
     ///
     /// `accepts` is true of all values from some value on. In blocks of many cells, whose bounds are
-    /// loose, most values need not be read: the cell is looked at on the way to them, and of 1024³
-    /// voxels it is likelier to be in a cache.
+    /// loose, most values need not be read, nor where they are.
     #[inline] // bench: frame
     pub fn stochastic_decision(
         &mut self,
@@ -230,19 +236,20 @@ impl<'a> Sampler<'a> {
             return ControlFlow::Continue(self.stochastic_at(walk, t, bits));
         }
         let p = Self::tap(walk.clamped_at(t), bits);
-        let Cell { bound, slot } = match self.cell(p) {
-            Ok(cell) => *cell,
+        let cell = match self.cell(p) {
+            Ok(cell) => cell,
             Err(value) => return ControlFlow::Continue(value),
         };
-        if accepts(bound.min) {
+        let hint = self.grid.hints[cell];
+        if accepts(hint.min()) {
             return ControlFlow::Break(true);
         }
-        if !accepts(bound.max) {
+        if !accepts(hint.max()) {
             return ControlFlow::Break(false);
         }
-        ControlFlow::Continue(match slot.get() {
+        ControlFlow::Continue(match self.brick(cell) {
             Ok(b) => self.grid.values.get(b, brick::offset(p)),
-            Err(tile) => self.tree.tiles[tile].value,
+            Err(value) => value,
         })
     }
 

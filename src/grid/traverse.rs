@@ -69,6 +69,8 @@ pub struct Traversal<'a> {
     /// The 8³ cell at hand, in cells, and where the ray leaves it, for each axis.
     cell: [i32; 3],
     exit: [f64; 3],
+    /// Whether `exit` is not set: after a leap, which another one may follow.
+    is_exit_due: bool,
     /// What is added to the cell in a step; 0 for the axes that never cross a plane.
     step: [i32; 3],
     /// 1 where the plane that is crossed next lies above the cell.
@@ -134,6 +136,7 @@ impl<'a> Traversal<'a> {
             inverse: DVec3::INFINITY,
             cell: [0; 3],
             exit: [f64::INFINITY; 3],
+            is_exit_due: false,
             step: [0; 3],
             ahead: [0; 3],
             stride: [0; 3],
@@ -182,6 +185,7 @@ impl<'a> Traversal<'a> {
     #[inline] // bench: frame
     fn aim(&mut self, inverse: DVec3) {
         self.inverse = inverse;
+        self.is_exit_due = false;
         for axis in 0..3 {
             let inverse = inverse[axis];
             let up = inverse > 0.0;
@@ -293,7 +297,7 @@ impl<'a> Traversal<'a> {
     fn leap(&mut self, size: i32) {
         // Where the ray leaves, on the other axes: within the block, and never backwards.
         let block = IVec3::from_array(self.cell) & !(size - 1);
-        let inside = floor_to_voxel(self.at(self.t1)).clamp(block, block + (size - 1));
+        let inside = near_floor(self.at(self.t1)).clamp(block, block + (size - 1));
         for other in 0..3 {
             let cell = &mut self.cell[other];
             *cell = match self.step[other] {
@@ -304,7 +308,7 @@ impl<'a> Traversal<'a> {
         }
         let axis = self.axis;
         self.cell[axis] = block[axis] + if self.step[axis] > 0 { size } else { -1 };
-        self.exit = [self.exit(0, 1), self.exit(1, 1), self.exit(2, 1)];
+        self.is_exit_due = true;
         self.node = Node::Unknown;
     }
 
@@ -377,14 +381,20 @@ impl<'a> Traversal<'a> {
                     continue;
                 }
             }
-            self.log2 = self.blocks.log2(self.slot);
+            let group = self.blocks.group(self.slot);
+            self.log2 = group.log2();
             let (bound, (axis, t1)) = if self.log2 == 0 {
+                if self.is_exit_due {
+                    self.exit = [self.exit(0, 1), self.exit(1, 1), self.exit(2, 1)];
+                    self.is_exit_due = false;
+                }
                 let [x, y, z] = self.exit;
                 (self.lower[self.slot].bound, smallest(x, y, z))
             } else {
                 let size = 1 << self.log2;
                 let [x, y, z] = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
-                (self.blocks.bound(self.slot, self.log2), smallest(x, y, z))
+                let bound = group.bound().unwrap_or_else(|| self.lower[self.slot].bound);
+                (bound, smallest(x, y, z))
             };
             let t1 = if t1 > t0 { t1 } else { t0 };
             self.axis = axis;
@@ -507,6 +517,18 @@ impl Iterator for Traversal<'_> {
         let bound = self.next_bound()?;
         Some(self.segment(bound))
     }
+}
+
+/// Returns the integers below or, where `p` is one but for rounding, next to `p`.
+///
+/// For a point on its way between two cells, which may be said to be in either; a quarter of the
+/// instructions of [`floor_to_voxel`]. Beyond the range of `i32` it is any number.
+#[inline] // bench: frame
+fn near_floor(p: DVec3) -> IVec3 {
+    // Adding 1.5·2⁵² rounds to an integer, and leaves it in the last bits.
+    #[expect(clippy::cast_possible_truncation, reason = "the last bits are meant")]
+    let near = |x: f64| ((x - 0.5) + 6_755_399_441_055_744.0).to_bits() as i32;
+    IVec3::new(near(p.x), near(p.y), near(p.z))
 }
 
 /// Returns the axis of the smallest component, and that component.
