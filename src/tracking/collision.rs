@@ -89,7 +89,6 @@ pub(super) fn walk_from<V: Visitor>(
             }
             // Rounding may carry the sum past the end, where another bound holds.
             t = (t + f64::from(depth / rate)).min(segment.t1);
-            depth = visitor.depth(stream);
             stream.counts.tentative_collisions += 1;
             let collision = Collision { t, rate };
             if visitor
@@ -98,6 +97,7 @@ pub(super) fn walk_from<V: Visitor>(
             {
                 return;
             }
+            depth = visitor.depth(stream);
         }
     }
 }
