@@ -28,7 +28,9 @@ bugs=(
     'expected collision: weight not used up @@ src/tracking/expected.rs @@ self.weight -= w; @@ @@ -'
     'depths of camera rays share a number @@ src/tracking/expected.rs @@ self.depth_count += 1; @@ @@ -'
     'a tail of 24 digits @@ src/sampling.rs @@ self.number(of) + self.uniform_positive() @@ self.number(of) + 1.0 @@ -'
-    'accepted by the largest value of its cell @@ src/grid/sampler.rs @@ if accepts(bound.min) { @@ if accepts(bound.max) { @@ -'
+    'accepted by the largest value of its cell @@ src/grid/sampler.rs @@ if accepts(hint.min()) { @@ if accepts(hint.max()) { @@ -'
+    'bounds of blocks rounded down @@ src/grid/blocks.rs @@ bound.max.to_bits().div_ceil(1 << 16) @@ (bound.max.to_bits() >> 16) @@ -'
+    'hints rounded down @@ src/grid/cells.rs @@ bound.max.to_bits() + 0xffff @@ bound.max.to_bits() @@ -'
     'roulette about black @@ src/integrator/primary.rs @@ sky(opacity - weight) @@ sky(opacity) @@ -'
     'voxels felt in their own cell only @@ src/grid/occupied.rs @@ visit(around(min, -1.0), around(max, 1.0)) @@ visit(around(min, 0.0), around(max, 1.0)) @@ -'
     'draine without its square @@ src/phase/draine.rs @@ self.alpha * cos * cos @@ self.alpha * cos @@ -'
@@ -50,7 +52,7 @@ bugs=(
     'directions of light by another density @@ src/emission/lattice.rs @@ (t1 * t1 * t1 - t0 * t0 * t0) / 3.0 @@ (t1 * t1 * t1 - t0 * t0 * t0) / 3.1 @@ -'
     'points along rays start at the first @@ src/emission/lattice.rs @@ f64::from(spacing) * f64::from(u); @@ f64::from(spacing) * f64::from(u) * 0.9; @@ -'
     'black bodies of another colour @@ src/blackbody.rs @@ const STEP: f64 = 5e-9; @@ const STEP: f64 = 5.1e-9; @@ -'
-    'samples share a stream @@ src/sampling.rs @@ mix(hash ^ sample.wrapping_add(GOLDEN)) @@ mix(hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
+    'samples share a stream @@ src/sampling.rs @@ mix(pixel_hash ^ sample.wrapping_add(GOLDEN)) @@ mix(pixel_hash ^ (sample & 0).wrapping_add(GOLDEN)) @@ homogeneous tile'
 )
 # For `--verify` alone: what tests see less directly.
 more_bugs=(

@@ -200,7 +200,8 @@ fn no_lever_changes_a_pixel() {
 }
 
 /// Prints the parts of the image's mean that sun and sky make, with all levers, beside those without
-/// any and with exact transmittances. `LEVER_SPP` samples a pixel; scenes as below.
+/// any and with exact transmittances. `LEVER_SPP` samples a pixel, `LEVER_PARTS` in place of both;
+/// scenes as below.
 #[test]
 #[ignore = "measures, minutes"]
 fn slow_sun_and_sky_parts() {
@@ -208,13 +209,15 @@ fn slow_sun_and_sky_parts() {
         println!("LEVER_SCENES names no scenes, or LEVER_SPP no number of samples");
         return;
     };
+    let parts = std::env::var("LEVER_PARTS").unwrap_or_else(|_unset| "sun,sky".to_owned());
     for path in paths.split(',') {
-        for part in ["sun", "sky"] {
+        for part in parts.split(',') {
             let run = |levers, transmittance, seed| {
                 let mut scene = load(path.as_ref());
                 match part {
                     "sun" => scene.lights.environment = Rgb::BLACK,
-                    _ => scene.lights.distant.clear(),
+                    "sky" => scene.lights.distant.clear(),
+                    _ => panic!("a part is sun or sky, not {part}"),
                 }
                 (scene.width, scene.height, scene.seed) = (96, 54, seed);
                 scene.spp = spp.parse().expect("a number of samples");

@@ -174,7 +174,12 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             for i in 0..=CELLS {
                 let n = n as f64;
                 let mean = sum[i] / n;
-                let error = ((square[i] / n - mean * mean) / n).sqrt();
+                let mut error = ((square[i] / n - mean * mean) / n).sqrt();
+                // Of few collisions the error is not known from them: once in 800 times there is one
+                // where 9 are expected. It is at most that of flights that are drawn one by one.
+                if expected[i] * n < 30.0 {
+                    error = error.max((expected[i] / n).sqrt());
+                }
                 // Less than a collision in all is not seen, nor its error known.
                 let z = (mean - expected[i]).abs() - 1.0 / n;
                 assert!(
