@@ -7,10 +7,11 @@
 //! median of the rounds is reported: a busy moment of the machine hits all alike.
 //!
 //! ```sh
-//! cargo bench --bench growth                      # up to 512³: 1 GB, about 2 minutes
+//! cargo bench --bench growth                      # up to 512³: 1 GB, about 15 minutes
 //! cargo bench --bench growth -- --to 1024         # 3 GB
 //! cargo bench --bench growth -- --from 1024 --to 1024
 //! cargo bench --bench growth -- --only threads    # one series
+//! cargo bench --bench growth -- --spp 4           # a quick one
 //! cargo bench --bench growth -- --svg docs/performance
 //! ```
 //!
@@ -50,9 +51,8 @@ use majorant::tracking::{BoundsKind, Tracking};
 const THICKNESS: f64 = 50.0;
 /// Resolution, where other things vary.
 const MIDDLE: i32 = 256;
-/// Columns and rows of the frames, and their samples a pixel.
+/// Columns and rows of the frames.
 const SIZE: [u32; 2] = [320, 180];
-const SPP: u32 = 4;
 
 /// What was asked for on the command line.
 struct Options {
@@ -60,6 +60,9 @@ struct Options {
     from: i32,
     to: i32,
     rounds: usize,
+    /// Samples a pixel. Few are a measure of first touches: with 4, each cell of 1024³ voxels is met
+    /// about once.
+    spp: u32,
     svg: Option<PathBuf>,
     /// The one series to measure: resolution, thickness, memory or threads.
     only: Option<String>,
@@ -72,6 +75,7 @@ impl Options {
             from: 64,
             to: 512,
             rounds: 5,
+            spp: 64,
             svg: None,
             only: None,
         };
@@ -82,6 +86,7 @@ impl Options {
                 "--from" => options.from = value().parse().expect("--from is a number"),
                 "--to" => options.to = value().parse().expect("--to is a number"),
                 "--rounds" => options.rounds = value().parse().expect("--rounds is a number"),
+                "--spp" => options.spp = value().parse().expect("--spp is a number"),
                 "--svg" => options.svg = Some(value().into()),
                 "--only" => options.only = Some(value()),
                 "--test" => return None,
@@ -143,7 +148,7 @@ impl Cloud {
     }
 
     /// Returns a scene of the cloud at `thickness`, measured along its longest axis.
-    fn scene(&self, thickness: f64, kernel: Kernel) -> Scene {
+    fn scene(&self, thickness: f64, kernel: Kernel, spp: u32) -> Scene {
         let Kernel { bounds, stored, .. } = kernel;
         let scale = scale(thickness, self.column);
         let grid = Arc::clone(&self.stored[stored].grid);
@@ -161,7 +166,7 @@ impl Cloud {
         Scene {
             width: SIZE[0],
             height: SIZE[1],
-            spp: SPP,
+            spp,
             seed: 0,
             frame: 0,
             aovs: vec![],
@@ -369,7 +374,7 @@ fn resolution(clouds: &[Cloud], options: &Options) {
             .iter()
             .map(|cloud| Point {
                 x: f64::from(cloud.resolution),
-                scene: cloud.scene(THICKNESS, kernel),
+                scene: cloud.scene(THICKNESS, kernel, options.spp),
                 threads: 1,
             })
             .collect();
@@ -400,7 +405,7 @@ fn thickness(cloud: &Cloud, options: &Options) {
         let points: Vec<Point> = [0.1, 1.0, 10.0, 100.0, 1000.0]
             .map(|x| Point {
                 x,
-                scene: cloud.scene(x, kernel),
+                scene: cloud.scene(x, kernel, options.spp),
                 threads: 1,
             })
             .into();
@@ -419,7 +424,7 @@ fn threads(cloud: &Cloud, options: &Options) {
         .take_while(|&n| n <= available)
         .map(|threads| Point {
             x: threads as f64,
-            scene: cloud.scene(THICKNESS, KERNELS[0]),
+            scene: cloud.scene(THICKNESS, KERNELS[0], options.spp),
             threads,
         })
         .collect();
