@@ -11,6 +11,10 @@
 //! * `t` is clamped to be monotone, so consecutive segments share their ends exactly.
 //! * A direction component that is zero, or whose reciprocal overflows, never crosses a plane.
 //! * Arithmetic is `f64`: at 2³⁰ voxels from the origin a position is good to 1e-7 voxels.
+//!
+//! Cells are counted along the ray: on an axis on which it goes down, cell `c` is `!c`, which is
+//! `−c − 1`. All steps then go up by one, aligned blocks stay aligned, and no step asks for a sign;
+//! a plane at `p` lies at `−p`, so crossings are the same numbers to the bit.
 
 use glam::{DVec3, IVec3};
 
@@ -64,21 +68,24 @@ pub struct Traversal<'a> {
     /// Origin and direction in cells, an eighth of index space: exact, as eight is a power of two.
     origin: DVec3,
     direction: DVec3,
-    /// Reciprocal of the direction; not finite where planes are never crossed.
+    /// −1 on the axes on which the ray goes down, 0 on the others: makes cells along the ray of
+    /// cells, and the other way round.
+    mirror: IVec3,
+    /// The origin along the ray, and the absolute reciprocal of the direction. On axes that never
+    /// cross a plane, where that overflows, −∞ and 1: crossings are at ∞.
+    start: DVec3,
     inverse: DVec3,
-    /// The 8³ cell at hand, in cells, and where the ray leaves it, for each axis.
-    cell: [i32; 3],
+    /// The 8³ cell at hand, along the ray, and where the ray leaves it, for each axis.
+    cell: IVec3,
     exit: [f64; 3],
-    /// Whether `exit` is not set: after a leap, which another one may follow.
+    /// Whether `exit` is not set: in a block, and after a leap, which another one may follow.
     is_exit_due: bool,
-    /// What is added to the cell in a step; 0 for the axes that never cross a plane.
-    step: [i32; 3],
-    /// 1 where the plane that is crossed next lies above the cell.
-    ahead: [i32; 3],
     /// A step in slots of a lower node.
     stride: [usize; 3],
-    /// The coordinate, for each axis, at which a step has left the node or the box.
-    stop: [i32; 3],
+    /// The coordinate along the ray, for each axis, at which a step has left the box, and that at
+    /// which it has left the node or the box.
+    end: IVec3,
+    stop: IVec3,
     node: Node,
     /// Of the cell, in a lower node.
     slot: usize,
@@ -133,14 +140,15 @@ impl<'a> Traversal<'a> {
             },
             origin: origin * scale,
             direction: direction * scale,
-            inverse: DVec3::INFINITY,
-            cell: [0; 3],
+            mirror: IVec3::ZERO,
+            start: DVec3::NEG_INFINITY,
+            inverse: DVec3::ONE,
+            cell: IVec3::ZERO,
             exit: [f64::INFINITY; 3],
             is_exit_due: false,
-            step: [0; 3],
-            ahead: [0; 3],
             stride: [0; 3],
-            stop: [0; 3],
+            end: IVec3::ZERO,
+            stop: IVec3::ZERO,
             node: Node::Unknown,
             slot: 0,
             t0: 0.0,
@@ -150,12 +158,12 @@ impl<'a> Traversal<'a> {
             log2: 0,
             is_whole: matches!(cells, Cells::Whole) && has_no_background,
         };
-        walk.start();
+        walk.enter_box();
         walk
     }
 
     /// Finds the cell in which the ray starts, or where it enters the box.
-    fn start(&mut self) {
+    fn enter_box(&mut self) {
         let inverse = DVec3::ONE / self.direction;
         let Some((first, last)) = self.grid.bounds.occupied else {
             self.t_end = 0.0;
@@ -171,7 +179,7 @@ impl<'a> Traversal<'a> {
         };
         self.t_end = self.t_end.min(t1);
         (self.t0, self.t1) = (t0, t0);
-        self.cell = floor_to_voxel(self.at(t0)).clamp(first, last).to_array();
+        let cell = floor_to_voxel(self.at(t0)).clamp(first, last);
         self.axis = STAY;
         self.node = if self.is_whole {
             Node::Whole
@@ -179,30 +187,29 @@ impl<'a> Traversal<'a> {
             Node::Unknown
         };
         self.aim(inverse);
+        self.cell = cell ^ self.mirror;
+        self.is_exit_due = true;
     }
 
-    /// Sets what follows from the direction and the cell.
+    /// Sets what follows from the direction, whose reciprocal is `inverse`.
     #[inline] // bench: frame
     fn aim(&mut self, inverse: DVec3) {
-        self.inverse = inverse;
-        self.is_exit_due = false;
         for axis in 0..3 {
             let inverse = inverse[axis];
-            let up = inverse > 0.0;
-            let (step, stride) = if up {
-                (1, STRIDES[axis])
+            let is_down = inverse.is_sign_negative();
+            let mirror = -i32::from(is_down);
+            self.mirror[axis] = mirror;
+            let mask = (mirror as isize).cast_unsigned();
+            self.stride[axis] = (STRIDES[axis] ^ mask).wrapping_sub(mask);
+            let origin = self.origin[axis];
+            (self.start[axis], self.inverse[axis]) = if inverse.is_finite() {
+                (if is_down { -origin } else { origin }, inverse.abs())
             } else {
-                (-1, STRIDES[axis].wrapping_neg())
+                (f64::NEG_INFINITY, 1.0)
             };
-            self.step[axis] = step;
-            self.stride[axis] = stride;
-            self.ahead[axis] = i32::from(up);
-            self.exit[axis] = self.plane_at(axis, self.cell[axis] + i32::from(up));
-            if !inverse.is_finite() {
-                self.step[axis] = 0;
-                self.exit[axis] = f64::INFINITY;
-            }
         }
+        let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
+        self.end = ((last & !self.mirror) | (!first & self.mirror)) + 1;
     }
 
     /// Goes on from the point at `t` of the segment at hand in another direction, given in index
@@ -213,19 +220,22 @@ impl<'a> Traversal<'a> {
         self.direction = direction * f64::from(BRICK_DIM).recip();
         self.t_end = t_max;
         if !matches!(self.node, Node::Lower) {
-            self.start();
+            self.enter_box();
             return;
-        }
-        if self.log2 > 0 {
-            let block = IVec3::from_array(self.cell) & !((1 << self.log2) - 1);
-            let last = block + ((1 << self.log2) - 1);
-            self.set_cell(floor_to_voxel(self.origin).clamp(block, last));
         }
         // Rounding may have put the origin just outside of the cell, whose exit is then below 0:
         // an empty segment.
         (self.t0, self.t1) = (0.0, 0.0);
         self.axis = STAY;
+        let before = self.mirror;
         self.aim(DVec3::ONE / self.direction);
+        let turned = before ^ self.mirror;
+        // Of a block any cell will do that the ray has not passed: the first one.
+        self.cell = (self.cell ^ turned) & -(1 << self.log2);
+        self.is_exit_due = self.log2 > 0;
+        if !self.is_exit_due {
+            self.exit = self.exits(1);
+        }
         self.set_stops();
     }
 
@@ -242,72 +252,59 @@ impl<'a> Traversal<'a> {
         (self.origin * scale, self.direction * scale)
     }
 
-    /// Returns where the ray crosses the plane at `plane` cells along `axis`.
+    /// Returns where the ray crosses, along `axis`, the plane at `plane` cells along the ray.
     #[inline] // bench: traversal
     fn plane_at(&self, axis: usize, plane: i32) -> f64 {
-        (f64::from(plane) - self.origin[axis]) * self.inverse[axis]
+        (f64::from(plane) - self.start[axis]) * self.inverse[axis]
     }
 
-    /// Returns where the ray leaves, along `axis`, the block of `size` cells that holds the cell.
-    fn exit(&self, axis: usize, size: i32) -> f64 {
-        if self.step[axis] == 0 {
-            return f64::INFINITY;
-        }
-        let low = self.cell[axis] & !(size - 1);
-        self.plane_at(axis, low + size * self.ahead[axis])
+    /// Returns where the ray leaves, along each axis, the block of `size` cells that holds the cell.
+    #[inline] // bench: traversal
+    fn exits(&self, size: i32) -> [f64; 3] {
+        let plane = (self.cell & -size) + size;
+        [
+            self.plane_at(0, plane.x),
+            self.plane_at(1, plane.y),
+            self.plane_at(2, plane.z),
+        ]
     }
 
     /// Moves to the next cell, over the plane of `axis`.
     #[inline] // bench: traversal
     fn advance(&mut self, axis: usize) {
-        let cell = self.cell[axis] + self.step[axis];
+        let cell = self.cell[axis] + 1;
         self.cell[axis] = cell;
         self.slot = self.slot.wrapping_add(self.stride[axis]);
-        self.exit[axis] = self.plane_at(axis, cell + self.ahead[axis]);
+        self.exit[axis] = self.plane_at(axis, cell + 1);
         if cell == self.stop[axis] {
             self.node = Node::Unknown;
         }
-    }
-
-    /// Moves to `cell` in the same lower node.
-    #[inline] // bench: traversal
-    fn set_cell(&mut self, cell: IVec3) {
-        self.cell = cell.to_array();
-        self.slot = (self.slot & !(LOWER_LEN - 1)) + lower_slot(cell << BRICK_LOG2);
     }
 
     /// Moves past the block at hand, of several cells of a lower node.
     fn leap_block(&mut self) {
         self.leap(1 << self.log2);
         // On any axis: the block may reach out of the box.
-        let is_inside = (0..3).all(|i| {
-            if self.ahead[i] == 1 {
-                self.cell[i] < self.stop[i]
-            } else {
-                self.cell[i] > self.stop[i]
-            }
-        });
-        if is_inside {
+        if self.cell.cmplt(self.stop).all() {
             self.node = Node::Lower;
-            self.set_cell(IVec3::from_array(self.cell));
+            self.slot = (self.slot & !(LOWER_LEN - 1)) + cell_slot(self.cell ^ self.mirror);
         }
     }
 
     /// Moves past the block of `size` cells that holds the cell.
     fn leap(&mut self, size: i32) {
         // Where the ray leaves, on the other axes: within the block, and never backwards.
-        let block = IVec3::from_array(self.cell) & !(size - 1);
-        let inside = near_floor(self.at(self.t1)).clamp(block, block + (size - 1));
-        for other in 0..3 {
-            let cell = &mut self.cell[other];
-            *cell = match self.step[other] {
-                1 => inside[other].max(*cell),
-                -1 => inside[other].min(*cell),
-                _ => *cell,
-            };
-        }
-        let axis = self.axis;
-        self.cell[axis] = block[axis] + if self.step[axis] > 0 { size } else { -1 };
+        let block = self.cell & -size;
+        let next = block + size;
+        let inside = near_floor(self.at(self.t1)) ^ self.mirror;
+        let inside = inside.clamp(block, next - 1).max(self.cell);
+        // Not by index: reading what a part was just written to waits for the write.
+        let pick = |axis: usize, past, inside| if self.axis == axis { past } else { inside };
+        self.cell = IVec3::new(
+            pick(0, next.x, inside.x),
+            pick(1, next.y, inside.y),
+            pick(2, next.z, inside.z),
+        );
         self.is_exit_due = true;
         self.node = Node::Unknown;
     }
@@ -320,16 +317,16 @@ impl<'a> Traversal<'a> {
             directory,
             ..
         } = self.grid;
-        let cell = IVec3::from_array(self.cell);
-        let (first, last) = bounds.occupied.unwrap_or((IVec3::ONE, IVec3::ZERO));
-        if cell.cmplt(first).any() || cell.cmpgt(last).any() {
+        // It cannot be before the box, in which the walk began.
+        if !self.cell.cmplt(self.end).all() {
             self.t_end = self.t1;
             return;
         }
+        let cell = self.cell ^ self.mirror;
         let directory::Node { bound, content } = directory.node(tree, bounds, cell >> LOWER_LOG2);
         self.node = match content {
             Content::Lower(base) if bound.max > 0.0 && !bound.is_constant() => {
-                self.slot = base + lower_slot(cell << BRICK_LOG2);
+                self.slot = base + cell_slot(cell);
                 self.set_stops();
                 Node::Lower
             }
@@ -345,15 +342,7 @@ impl<'a> Traversal<'a> {
     #[inline] // bench: frame
     fn set_stops(&mut self) {
         const SIZE: i32 = 1 << LOWER_LOG2;
-        let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
-        for axis in 0..3 {
-            let node = self.cell[axis] & !(SIZE - 1);
-            self.stop[axis] = if self.ahead[axis] == 1 {
-                (node + SIZE).min(last[axis] + 1)
-            } else {
-                (node - 1).max(first[axis] - 1)
-            };
-        }
+        self.stop = ((self.cell & -SIZE) + SIZE).min(self.end);
     }
 
     /// Goes on to the next cell whose bound is not zero; returns its bound, or `None` at the end.
@@ -385,15 +374,14 @@ impl<'a> Traversal<'a> {
             self.log2 = group.log2();
             let (bound, (axis, t1)) = if self.log2 == 0 {
                 if self.is_exit_due {
-                    self.exit = [self.exit(0, 1), self.exit(1, 1), self.exit(2, 1)];
+                    self.exit = self.exits(1);
                     self.is_exit_due = false;
                 }
                 let [x, y, z] = self.exit;
                 (self.lower[self.slot].bound, smallest(x, y, z))
             } else {
-                let size = 1 << self.log2;
-                let [x, y, z] = [self.exit(0, size), self.exit(1, size), self.exit(2, size)];
                 let bound = group.bound().unwrap_or_else(|| self.lower[self.slot].bound);
+                let [x, y, z] = self.exits(1 << self.log2);
                 (bound, smallest(x, y, z))
             };
             let t1 = if t1 > t0 { t1 } else { t0 };
@@ -428,7 +416,8 @@ impl<'a> Traversal<'a> {
                 return self.grid.bounds.whole.max > 0.0;
             }
         };
-        let (axis, t1) = smallest(self.exit(0, size), self.exit(1, size), self.exit(2, size));
+        let [x, y, z] = self.exits(size);
+        let (axis, t1) = smallest(x, y, z);
         self.axis = axis;
         (self.t0, self.t1) = (self.t1, t1.max(self.t1));
         self.large_bound().max > 0.0 && self.t1 > self.t0
@@ -452,8 +441,8 @@ impl<'a> Traversal<'a> {
     /// relative to its first voxel; `None` in a larger cell.
     #[inline] // bench: frame
     pub(super) fn at_in_brick(&self, t: f64) -> Option<(usize, DVec3)> {
-        let [x, y, z] = self.cell.map(f64::from);
-        let p = (self.at(t) - DVec3::new(x, y, z)) * f64::from(BRICK_DIM);
+        let cell = self.cell ^ self.mirror;
+        let p = (self.at(t) - cell.as_dvec3()) * f64::from(BRICK_DIM);
         self.is_brick().then_some((self.slot, p))
     }
 
@@ -474,7 +463,7 @@ impl<'a> Traversal<'a> {
             Node::Large { log2, .. } => 1 << log2,
             Node::Unknown | Node::Lower => 1 << self.log2,
         };
-        let first = IVec3::from_array(self.cell) & !(size - 1);
+        let first = (self.cell ^ self.mirror) & -size;
         (first << BRICK_LOG2, IVec3::splat(size << BRICK_LOG2))
     }
 
@@ -517,6 +506,12 @@ impl Iterator for Traversal<'_> {
         let bound = self.next_bound()?;
         Some(self.segment(bound))
     }
+}
+
+/// Returns the slot of a cell within its lower node.
+#[inline] // bench: traversal
+fn cell_slot(cell: IVec3) -> usize {
+    lower_slot(cell << BRICK_LOG2)
 }
 
 /// Returns the integers below or, where `p` is one but for rounding, next to `p`.

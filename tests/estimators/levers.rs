@@ -200,8 +200,9 @@ fn no_lever_changes_a_pixel() {
 }
 
 /// Prints the parts of the image's mean that sun and sky make, with all levers, beside those without
-/// any and with exact transmittances. `LEVER_SPP` samples a pixel, `LEVER_PARTS` in place of both;
-/// scenes as below.
+/// any and with exact transmittances. `LEVER_SPP` samples a pixel, `LEVER_ORACLE_SPP` those of the
+/// latter (as many if unset: a sample of theirs costs ten times as much), `LEVER_PARTS` in place of
+/// both; scenes as below.
 #[test]
 #[ignore = "measures, minutes"]
 fn slow_sun_and_sky_parts() {
@@ -209,10 +210,11 @@ fn slow_sun_and_sky_parts() {
         println!("LEVER_SCENES names no scenes, or LEVER_SPP no number of samples");
         return;
     };
+    let oracle_spp = std::env::var("LEVER_ORACLE_SPP").unwrap_or_else(|_unset| spp.clone());
     let parts = std::env::var("LEVER_PARTS").unwrap_or_else(|_unset| "sun,sky".to_owned());
     for path in paths.split(',') {
         for part in parts.split(',') {
-            let run = |levers, transmittance, seed| {
+            let run = |levers, transmittance, spp: &str, seed| {
                 let mut scene = load(path.as_ref());
                 match part {
                     "sun" => scene.lights.environment = Rgb::BLACK,
@@ -226,8 +228,8 @@ fn slow_sun_and_sky_parts() {
                 film(&scene).mean()
             };
             let [(_, all), .., (_, none)] = variants();
-            let (ma, ea) = run(all, TransmittanceEstimator::Auto, 11);
-            let (mb, eb) = run(none, TransmittanceEstimator::Exact, 12);
+            let (ma, ea) = run(all, TransmittanceEstimator::Auto, &spp, 11);
+            let (mb, eb) = run(none, TransmittanceEstimator::Exact, &oracle_spp, 12);
             let error = ea[1].hypot(eb[1]);
             let z = (ma[1] - mb[1]) / error;
             println!(
