@@ -28,16 +28,13 @@ const COLLISION_COST: f32 = 1.0;
 /// Cost of crossing a block: twice as many instructions as a step.
 const LEAP_COST: f32 = 2.0;
 
-/// Base-2 logarithm of the edge, in cells, of a group: the smallest block.
-const GROUP_LOG2: u32 = 1;
-
-/// Groups of a node.
-const GROUPS: usize = LOWER_LEN >> (3 * GROUP_LOG2);
+/// Base-2 logarithm of the cells of a group, the smallest block: 2³.
+const GROUP_LEN_LOG2: u32 = 3;
 
 /// The blocks of all lower nodes of a grid, chosen for one medium.
 #[derive(Clone, Debug)]
 pub struct Blocks {
-    /// [`GROUPS`] for each node: what block holds them.
+    /// One for each 2³ cells, which follow each other in a node: what block holds them.
     groups: Vec<Group>,
 }
 
@@ -116,19 +113,6 @@ impl Group {
     }
 }
 
-/// Returns the number of a block of edge `2^log2` among those of its size in all nodes, from a slot
-/// in it.
-#[inline] // bench: traversal
-fn block_of(slot: usize, log2: u32) -> usize {
-    let edge = LOWER_LOG2 - log2;
-    let mask = (1 << edge) - 1;
-    let (x, y) = (
-        slot >> (2 * LOWER_LOG2 + log2),
-        slot >> (LOWER_LOG2 + log2) & mask,
-    );
-    (x << edge | y) << edge | slot >> log2 & mask
-}
-
 impl Blocks {
     /// Chooses blocks for a medium whose optical depth is `depth_per_density` in one voxel of
     /// density 1; infinity chooses empty blocks only.
@@ -144,10 +128,10 @@ impl Blocks {
         }
     }
 
-    /// Returns the group of the cell at `slot`.
+    /// Returns the group of a cell.
     #[inline] // bench: traversal
-    pub(super) fn group(&self, slot: usize) -> Group {
-        self.groups[block_of(slot, GROUP_LOG2)]
+    pub(super) fn group(&self, cell: usize) -> Group {
+        self.groups[cell >> GROUP_LEN_LOG2]
     }
 
     /// Returns the bytes that the blocks occupy.
@@ -168,45 +152,33 @@ fn choose(cells: &[Cell], depth_per_density: f32) -> Vec<Group> {
             0.0
         }
     };
-    let mut groups = vec![Group::SINGLE; GROUPS];
+    let mut groups = vec![Group::SINGLE; cells.len() >> GROUP_LEN_LOG2];
     let mut costs: Vec<f32> = cells.iter().map(|c| 1.0 + collisions(c.bound, 0)).collect();
     let mut parts: Vec<Bound> = cells.iter().map(|c| c.bound).collect();
     for log2 in 1..=LOWER_LOG2 {
-        let edge = 1_usize << (LOWER_LOG2 - log2);
-        let mut chosen = Vec::with_capacity(edge * edge * edge);
-        let mut next = (Vec::new(), Vec::new());
-        for block in 0..edge * edge * edge {
-            let (x, y, z) = (block / (edge * edge), block / edge % edge, block % edge);
-            let part = |i: usize| {
-                let (x, y, z) = (2 * x + (i >> 2), 2 * y + (i >> 1 & 1), 2 * z + (i & 1));
-                (x * 2 * edge + y) * 2 * edge + z
-            };
-            let mut bound = parts[part(0)];
-            bound.mean = 0.0;
-            let mut split = 0.0;
-            for i in 0..8 {
-                let p = parts[part(i)];
-                bound.min = bound.min.min(p.min);
-                bound.max = bound.max.max(p.max);
-                bound.mean += p.mean / 8.0;
-                split += costs[part(i)] / 4.0;
-            }
-            bound.mean = bound.mean.clamp(bound.min, bound.max);
-            let merged = LEAP_COST + collisions(bound, log2);
-            chosen.push((merged < split).then(|| Group::new(log2, bound)).flatten());
-            next.0.push(merged.min(split));
-            next.1.push(bound);
-        }
-        (costs, parts) = next;
-        // Of this size, a block holds `2^(log2 − 1)` groups along each edge.
-        let groups_log2 = LOWER_LOG2 - GROUP_LOG2;
-        let mask = (1 << groups_log2) - 1;
-        for (i, group) in groups.iter_mut().enumerate() {
-            let (x, y, z) = (i >> (2 * groups_log2), i >> groups_log2 & mask, i & mask);
-            let shift = log2 - GROUP_LOG2;
-            let block = ((x >> shift) * edge + (y >> shift)) * edge + (z >> shift);
-            *group = chosen[block].unwrap_or(*group);
-        }
+        let len = 1 << (3 * log2 - GROUP_LEN_LOG2);
+        let blocks = costs.chunks_exact(8).zip(parts.chunks_exact(8));
+        let next = blocks.zip(groups.chunks_exact_mut(len));
+        (costs, parts) = next
+            .map(|((costs, parts), groups)| {
+                let mut bound = parts[0];
+                bound.mean = 0.0;
+                for part in parts {
+                    bound.min = bound.min.min(part.min);
+                    bound.max = bound.max.max(part.max);
+                    bound.mean += part.mean / 8.0;
+                }
+                bound.mean = bound.mean.clamp(bound.min, bound.max);
+                let split = costs.iter().map(|cost| cost / 4.0).sum::<f32>();
+                let merged = LEAP_COST + collisions(bound, log2);
+                if merged < split
+                    && let Some(group) = Group::new(log2, bound)
+                {
+                    groups.fill(group);
+                }
+                (merged.min(split), bound)
+            })
+            .unzip();
     }
     groups
 }

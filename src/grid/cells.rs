@@ -9,7 +9,8 @@ use std::ops::Deref;
 use memmap2::{Mmap, MmapMut};
 
 use super::bounds::Bound;
-use super::tree::Slot;
+use super::curve;
+use super::tree::{LOWER_LEN, Slot};
 
 /// Bytes from which cells are laid into pages of 2 MB.
 const LARGE: usize = 1 << 22;
@@ -55,7 +56,7 @@ impl Hint {
     }
 }
 
-/// The cells of all lower nodes, in the order of their slots.
+/// The cells of all lower nodes, those of each along a curve (see `curve`).
 #[derive(Debug)]
 pub(super) enum CellTable {
     Small(Vec<Cell>),
@@ -63,11 +64,17 @@ pub(super) enum CellTable {
 }
 
 impl CellTable {
-    /// Puts slots and bounds together; both have the same length.
+    /// Puts slots and bounds together, both of whole nodes in the order of a tree.
     pub(super) fn new(slots: &[Slot], bounds: &[Bound]) -> Self {
+        let order = curve::slots();
         let cells = || {
-            let pairs = slots.iter().zip(bounds);
-            pairs.map(|(&slot, &bound)| Cell { bound, slot })
+            (0..slots.len()).map(|i| {
+                let from = i - i % LOWER_LEN + order[i % LOWER_LEN];
+                Cell {
+                    bound: bounds[from],
+                    slot: slots[from],
+                }
+            })
         };
         let size = slots.len() * size_of::<Cell>();
         let mapped = (size >= LARGE).then(|| map(size, cells())).flatten();

@@ -8,9 +8,10 @@ use half::bf16;
 
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::cells::Cell;
+use super::curve;
 use super::density::DensityGrid;
 use super::directory::Content;
-use super::tree::{LOWER_LEN, LOWER_LOG2, LOWER_TOTAL_LOG2, lower_slot, slot_origin};
+use super::tree::{LOWER_LEN, LOWER_TOTAL_LOG2};
 use crate::space::floor_to_voxel;
 
 /// Cells are doubled in size until there are no more than this: 512 KiB.
@@ -91,7 +92,7 @@ impl Columns {
                 match node.content {
                     Content::Tile { .. } => node.bound.mean,
                     Content::Lower(base) if log2 <= BRICK_LOG2 => {
-                        cells[base + lower_slot(centre)].bound.mean
+                        cells[base + curve::place(centre >> BRICK_LOG2)].bound.mean
                     }
                     Content::Lower(_) => 0.0,
                 }
@@ -102,7 +103,7 @@ impl Columns {
             for (i, &Cell { bound, .. }) in cells.iter().enumerate() {
                 if bound.max > 0.0 {
                     let node = tree.lower_origins[i / LOWER_LEN];
-                    let origin = node + slot_origin(i % LOWER_LEN, LOWER_LOG2, BRICK_LOG2);
+                    let origin = node + (curve::cell_at(i % LOWER_LEN) << BRICK_LOG2);
                     #[expect(clippy::cast_possible_truncation, reason = "an estimate")]
                     let part = (f64::from(bound.mean) * share) as f32;
                     means[self.index(origin >> log2)] += part;

@@ -6,11 +6,12 @@ use super::blocks::Blocks;
 use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
 use super::cells::{Cell, CellTable, Hint};
+use super::curve;
 use super::directory::Directory;
 use super::encoding::Encoding;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
-use super::tree::{LOWER_LEN, LOWER_LOG2, Tree, slot_origin};
+use super::tree::{LOWER_LEN, Tree};
 use super::values::{Values, Voxels};
 use crate::space::{Aabb, IndexTransform, orthonormal_frame};
 
@@ -193,7 +194,7 @@ impl DensityGrid {
             // At most one a brick: a single bright one need not be taken for all of them.
             if next < 0.0 && bound.max > 0.0 {
                 let node = self.tree.lower_origins[i / LOWER_LEN];
-                let origin = node + slot_origin(i % LOWER_LEN, LOWER_LOG2, BRICK_LOG2);
+                let origin = node + (curve::cell_at(i % LOWER_LEN) << BRICK_LOG2);
                 centres.push(origin.as_dvec3() + 0.5 * f64::from(BRICK_DIM));
                 next = next.rem_euclid(step);
             }

@@ -25,7 +25,7 @@ pub(super) struct Node {
 
 #[derive(Clone, Copy, Debug)]
 pub(super) enum Content {
-    /// First slot of a lower node.
+    /// First cell of a lower node.
     Lower(usize),
     /// The value of a tile of `2^log2` bricks an edge.
     Tile { value: f32, log2: u32 },

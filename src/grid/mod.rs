@@ -20,6 +20,7 @@ pub mod brick;
 mod cells;
 mod columns;
 mod cubic;
+mod curve;
 mod density;
 mod directory;
 mod encoding;

@@ -3,9 +3,10 @@
 use glam::{DVec3, IVec3};
 
 use super::brick::{BRICK_DIM, BRICK_LOG2};
+use super::curve;
 use super::density::DensityGrid;
 use super::directory::Content;
-use super::tree::{LOWER_LEN, LOWER_LOG2, LOWER_TOTAL_LOG2, slot_origin};
+use super::tree::{LOWER_LEN, LOWER_LOG2, LOWER_TOTAL_LOG2};
 use crate::space::Aabb;
 
 /// Most nodes of 128³ voxels that are looked at, 16 million cells: a larger box is one box.
@@ -59,9 +60,9 @@ impl DensityGrid {
                     self.visit_blocks(base, origin, shared_log2, &mut visit);
                 }
                 Content::Lower(base) => {
-                    for s in 0..LOWER_LEN {
-                        let cell = origin + slot_origin(s, LOWER_LOG2, BRICK_LOG2);
-                        self.visit_cell(base + s, cell, &mut bricks_left, &mut visit);
+                    for i in 0..LOWER_LEN {
+                        let cell = origin + (curve::cell_at(i) << BRICK_LOG2);
+                        self.visit_cell(base + i, cell, &mut bricks_left, &mut visit);
                     }
                 }
             }
@@ -69,7 +70,7 @@ impl DensityGrid {
     }
 
     /// Visits a box around the cells that are not empty in each block, `2^log2` cells wide, of the
-    /// node at voxel `origin` whose cells are the slots from `base` on.
+    /// node at voxel `origin` whose cells are those from `base` on.
     fn visit_blocks(
         &self,
         base: usize,
@@ -77,18 +78,15 @@ impl DensityGrid {
         log2: u32,
         visit: &mut impl FnMut(DVec3, DVec3),
     ) {
-        let blocks_an_edge = 1 << (LOWER_LOG2 - log2);
-        let mut boxes = vec![(IVec3::MAX, IVec3::MIN); 1 << (3 * (LOWER_LOG2 - log2))];
-        for slot in 0..LOWER_LEN {
-            if self.is_occupied(base + slot) {
-                let cell = slot_origin(slot, LOWER_LOG2, 0);
-                let block = cell >> log2;
-                let at = (block.x * blocks_an_edge + block.y) * blocks_an_edge + block.z;
-                let (min, max) = &mut boxes[at.cast_unsigned() as usize];
-                (*min, *max) = (min.min(cell), max.max(cell));
+        let block_len = 1 << (3 * log2);
+        for block in 0..LOWER_LEN / block_len {
+            let (mut min, mut max) = (IVec3::MAX, IVec3::MIN);
+            for i in block * block_len..(block + 1) * block_len {
+                if self.is_occupied(base + i) {
+                    let cell = curve::cell_at(i);
+                    (min, max) = (min.min(cell), max.max(cell));
+                }
             }
-        }
-        for (min, max) in boxes {
             if min.x <= max.x {
                 let voxel = |cell: IVec3| (origin + (cell << BRICK_LOG2)).as_dvec3();
                 visit(voxel(min) - 1.0, voxel(max + 1));
@@ -96,30 +94,30 @@ impl DensityGrid {
         }
     }
 
-    /// Returns whether what the cell of `slot` itself stores is not all zero. A voxel is felt less
+    /// Returns whether what the cell itself stores is not all zero. A voxel is felt less
     /// than one voxel away, in cells of other bricks as well: those that hold nothing else add
     /// nothing to a box that reaches one voxel beyond.
-    fn is_occupied(&self, slot: usize) -> bool {
-        let is_empty_tile = match self.cells[slot].slot.get() {
+    fn is_occupied(&self, cell: usize) -> bool {
+        let is_empty_tile = match self.cells[cell].slot.get() {
             Err(tile) => self.tree.tiles[tile].value <= 0.0,
             Ok(_) => false,
         };
-        self.cells[slot].bound.max > 0.0 && !is_empty_tile
+        self.cells[cell].bound.max > 0.0 && !is_empty_tile
     }
 
-    /// Visits boxes around what is not zero in the cell of 8³ voxels of `slot`, at voxel `origin`.
+    /// Visits boxes around what is not zero in a cell of 8³ voxels, at voxel `origin`.
     fn visit_cell(
         &self,
-        slot: usize,
+        cell: usize,
         origin: IVec3,
         bricks_left: &mut usize,
         visit: &mut impl FnMut(DVec3, DVec3),
     ) {
-        if !self.is_occupied(slot) {
+        if !self.is_occupied(cell) {
             return;
         }
-        let bound = self.cells[slot].bound;
-        let brick = match self.cells[slot].slot.get() {
+        let bound = self.cells[cell].bound;
+        let brick = match self.cells[cell].slot.get() {
             Ok(brick) if bound.min <= 0.0 && *bricks_left > 0 => brick,
             _ => {
                 let first = origin.as_dvec3();

@@ -15,10 +15,11 @@ use glam::{DVec3, IVec3, UVec3, Vec3};
 
 use super::brick::{self, BRICK_DIM, BRICK_LOG2};
 use super::cells::Cell;
+use super::curve;
 use super::density::DensityGrid;
 use super::directory::Content;
 use super::traverse::Traversal;
-use super::tree::{LOWER_TOTAL_LOG2, Tree, lower_slot};
+use super::tree::{LOWER_TOTAL_LOG2, Tree};
 use crate::space::floor_to_voxel;
 
 /// The corners of a voxel cell, z fastest: bit 2 of the position is one further in x, bit 1 in
@@ -45,7 +46,7 @@ pub struct Sampler<'a> {
     cells: &'a [Cell],
     /// Coordinates of that node, in nodes; the memory is empty at first.
     key: IVec3,
-    /// First slot of the node, or the value of a tile that covers it.
+    /// First cell of the node, or the value of a tile that covers it.
     node: Result<usize, f32>,
 }
 
@@ -140,7 +141,7 @@ impl<'a> Sampler<'a> {
                 Content::Tile { value, .. } => Err(value),
             };
         }
-        Ok(self.node? + lower_slot(p))
+        Ok(self.node? + curve::place(p >> BRICK_LOG2))
     }
 
     /// Returns the trilinear value at `p_index`, never outside the range of its eight taps.

@@ -22,9 +22,10 @@ use super::blocks::Blocks;
 use super::bounds::Bound;
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::cells::Cell;
+use super::curve;
 use super::density::DensityGrid;
 use super::directory::{self, Content};
-use super::tree::{LOWER_LEN, LOWER_LOG2, lower_slot};
+use super::tree::{LOWER_LEN, LOWER_LOG2};
 use crate::space::{Aabb, floor_to_voxel};
 
 /// An interval of a ray within one cell.
@@ -61,7 +62,7 @@ pub enum Cells<'a> {
 #[derive(Clone, Debug)]
 pub struct Traversal<'a> {
     grid: &'a DensityGrid,
-    /// The cells of lower nodes, in the order of their slots.
+    /// The cells of all lower nodes.
     lower: &'a [Cell],
     /// The blocks of cells that are crossed in one step.
     blocks: &'a Blocks,
@@ -80,15 +81,15 @@ pub struct Traversal<'a> {
     exit: [f64; 3],
     /// Whether `exit` is not set: in a block, and after a leap, which another one may follow.
     is_exit_due: bool,
-    /// A step in slots of a lower node.
-    stride: [usize; 3],
     /// The coordinate along the ray, for each axis, at which a step has left the box, and that at
     /// which it has left the node or the box.
     end: IVec3,
     stop: IVec3,
     node: Node,
-    /// Of the cell, in a lower node.
-    slot: usize,
+    /// The cell's place along the curve of its lower node, along the ray, after the cells of the
+    /// nodes before it; and what makes that the number of the cell.
+    place: usize,
+    mirrored: usize,
     /// Where the ray enters and leaves the cell, and over which axis.
     t0: f64,
     t1: f64,
@@ -112,9 +113,6 @@ enum Node {
     /// One bound for everything.
     Whole,
 }
-
-/// Slots of a lower node from a cell to the next along each axis.
-const STRIDES: [usize; 3] = [1 << (2 * LOWER_LOG2), 1 << LOWER_LOG2, 1];
 
 /// In place of an axis: the cell at hand has not been visited yet.
 const STAY: usize = 3;
@@ -146,11 +144,11 @@ impl<'a> Traversal<'a> {
             cell: IVec3::ZERO,
             exit: [f64::INFINITY; 3],
             is_exit_due: false,
-            stride: [0; 3],
             end: IVec3::ZERO,
             stop: IVec3::ZERO,
             node: Node::Unknown,
-            slot: 0,
+            place: 0,
+            mirrored: 0,
             t0: 0.0,
             t1: 0.0,
             axis: STAY,
@@ -197,10 +195,7 @@ impl<'a> Traversal<'a> {
         for axis in 0..3 {
             let inverse = inverse[axis];
             let is_down = inverse.is_sign_negative();
-            let mirror = -i32::from(is_down);
-            self.mirror[axis] = mirror;
-            let mask = (mirror as isize).cast_unsigned();
-            self.stride[axis] = (STRIDES[axis] ^ mask).wrapping_sub(mask);
+            self.mirror[axis] = -i32::from(is_down);
             let origin = self.origin[axis];
             (self.start[axis], self.inverse[axis]) = if inverse.is_finite() {
                 (if is_down { -origin } else { origin }, inverse.abs())
@@ -209,6 +204,7 @@ impl<'a> Traversal<'a> {
             };
         }
         let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
+        self.mirrored = curve::mirrored(self.mirror);
         self.end = ((last & !self.mirror) | (!first & self.mirror)) + 1;
     }
 
@@ -227,11 +223,11 @@ impl<'a> Traversal<'a> {
         // an empty segment.
         (self.t0, self.t1) = (0.0, 0.0);
         self.axis = STAY;
-        let before = self.mirror;
+        let (cell, place) = (self.cell ^ self.mirror, self.place ^ self.mirrored);
         self.aim(DVec3::ONE / self.direction);
-        let turned = before ^ self.mirror;
         // Of a block any cell will do that the ray has not passed: the first one.
-        self.cell = (self.cell ^ turned) & -(1 << self.log2);
+        self.cell = (cell ^ self.mirror) & -(1 << self.log2);
+        self.place = place ^ self.mirrored;
         self.is_exit_due = self.log2 > 0;
         if !self.is_exit_due {
             self.exit = self.exits(1);
@@ -250,6 +246,12 @@ impl<'a> Traversal<'a> {
     pub fn ray(&self) -> (DVec3, DVec3) {
         let scale = f64::from(BRICK_DIM);
         (self.origin * scale, self.direction * scale)
+    }
+
+    /// Returns the number of the cell at hand among those of all lower nodes.
+    #[inline] // bench: traversal
+    fn number(&self) -> usize {
+        self.place ^ self.mirrored
     }
 
     /// Returns where the ray crosses, along `axis`, the plane at `plane` cells along the ray.
@@ -274,7 +276,7 @@ impl<'a> Traversal<'a> {
     fn advance(&mut self, axis: usize) {
         let cell = self.cell[axis] + 1;
         self.cell[axis] = cell;
-        self.slot = self.slot.wrapping_add(self.stride[axis]);
+        self.place = curve::up(self.place, axis);
         self.exit[axis] = self.plane_at(axis, cell + 1);
         if cell == self.stop[axis] {
             self.node = Node::Unknown;
@@ -287,7 +289,7 @@ impl<'a> Traversal<'a> {
         // On any axis: the block may reach out of the box.
         if self.cell.cmplt(self.stop).all() {
             self.node = Node::Lower;
-            self.slot = (self.slot & !(LOWER_LEN - 1)) + cell_slot(self.cell ^ self.mirror);
+            self.place = (self.place & !(LOWER_LEN - 1)) + curve::place(self.cell);
         }
     }
 
@@ -326,7 +328,7 @@ impl<'a> Traversal<'a> {
         let directory::Node { bound, content } = directory.node(tree, bounds, cell >> LOWER_LOG2);
         self.node = match content {
             Content::Lower(base) if bound.max > 0.0 && !bound.is_constant() => {
-                self.slot = base + cell_slot(cell);
+                self.place = base + curve::place(self.cell);
                 self.set_stops();
                 Node::Lower
             }
@@ -370,7 +372,8 @@ impl<'a> Traversal<'a> {
                     continue;
                 }
             }
-            let group = self.blocks.group(self.slot);
+            let number = self.number();
+            let group = self.blocks.group(number);
             self.log2 = group.log2();
             let (bound, (axis, t1)) = if self.log2 == 0 {
                 if self.is_exit_due {
@@ -378,9 +381,9 @@ impl<'a> Traversal<'a> {
                     self.is_exit_due = false;
                 }
                 let [x, y, z] = self.exit;
-                (self.lower[self.slot].bound, smallest(x, y, z))
+                (self.lower[number].bound, smallest(x, y, z))
             } else {
-                let bound = group.bound().unwrap_or_else(|| self.lower[self.slot].bound);
+                let bound = group.bound().unwrap_or_else(|| self.lower[number].bound);
                 let [x, y, z] = self.exits(1 << self.log2);
                 (bound, smallest(x, y, z))
             };
@@ -437,13 +440,13 @@ impl<'a> Traversal<'a> {
         (self.t0, self.t1.min(self.t_end))
     }
 
-    /// Returns the slot of the brick or tile of the segment at hand, with the point at `t`
+    /// Returns the number of the cell of the segment at hand, with the point at `t`
     /// relative to its first voxel; `None` in a larger cell.
     #[inline] // bench: frame
     pub(super) fn at_in_brick(&self, t: f64) -> Option<(usize, DVec3)> {
         let cell = self.cell ^ self.mirror;
         let p = (self.at(t) - cell.as_dvec3()) * f64::from(BRICK_DIM);
-        self.is_brick().then_some((self.slot, p))
+        self.is_brick().then_some((self.number(), p))
     }
 
     /// Returns whether the cell at hand is one of 8³ voxels, of a lower node.
@@ -506,12 +509,6 @@ impl Iterator for Traversal<'_> {
         let bound = self.next_bound()?;
         Some(self.segment(bound))
     }
-}
-
-/// Returns the slot of a cell within its lower node.
-#[inline] // bench: traversal
-fn cell_slot(cell: IVec3) -> usize {
-    lower_slot(cell << BRICK_LOG2)
 }
 
 /// Returns the integers below or, where `p` is one but for rounding, next to `p`.
