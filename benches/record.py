@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Runs benches and keeps what they measured: benches/record/<cpu>/<date>-<commit>.csv.
 
-    benches/record.py                       all criterion benches, about 4 minutes
+    benches/record.py                       all criterion benches, about 9 minutes
     benches/record.py lookup traversal      only these
     benches/record.py growth -- --to 1024   with options for the bench
     benches/record.py --dry-run lookup      print the file instead of writing it

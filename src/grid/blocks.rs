@@ -40,8 +40,8 @@ pub struct Blocks {
 
 /// The block that holds 2³ cells, all of them in the same or each in its own.
 ///
-/// In 4 bytes: of 1024³ voxels the groups of all nodes take 400 KB, which a second cache holds. With a
-/// byte for each cell and bounds of 12 bytes apart, two waits for memory were a tenth of the time.
+/// In 4 bytes: of 1024³ voxels the groups of all nodes take 840 KB. With a byte for each cell and
+/// bounds of 12 bytes apart, two waits for memory were a tenth of the time.
 ///
 /// ```text
 /// bits  0 to 2    base-2 logarithm of the block's edge in cells; 0: the cells are on their own

@@ -2,7 +2,7 @@
 //!
 //! A step reads the bound, and the lookup that may follow the slot: apart they would be two waits
 //! for memory where the cells of a grid do not fit in a cache. Cells of large grids lie in large
-//! pages, if the system has them: 1024³ voxels have 13 MB of cells, far apart along a path.
+//! pages, if the system has them: 1024³ voxels have 27 MB of cells, far apart along a path.
 
 use std::ops::Deref;
 
@@ -25,8 +25,8 @@ pub(super) struct Cell {
 
 /// What the bound of a cell is about: the upper halves of two `f32`, the maximum rounded up.
 ///
-/// Most collisions in blocks of many cells are decided by it, and it is a quarter of a cell: where a
-/// tile's paths go in 1024³ voxels, some 30,000 cells are 480 KB, and these 120, which a second cache holds.
+/// Most collisions in blocks of many cells are decided by it, and it is a quarter of a cell: that much
+/// more of what a tile's paths meet is in the caches.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hint {
     min: u16,
