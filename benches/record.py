@@ -15,6 +15,7 @@ import csv
 import datetime
 import json
 import os
+import platform
 import re
 import subprocess
 import sys
@@ -34,10 +35,21 @@ def cpu():
     names = re.findall(r"^model name\s*:\s*(.*)$", Path("/proc/cpuinfo").read_text(), re.M)
     name = names[0] if names else "unknown"
     # "AMD EPYC" alone does not tell the generations apart.
-    family = re.findall(r"^(?:cpu family|model)\s*:\s*(\d+)$", Path("/proc/cpuinfo").read_text(), re.M)
-    generation = {"25": "zen3", "26": "zen5"}.get(family[0] if family else "", "")
+    numbers = re.findall(r"^(?:cpu family|model)\s*:\s*(\d+)$", Path("/proc/cpuinfo").read_text(), re.M)
+    family, model = (int(number) for number in numbers[:2] or (0, 0))
+    is_zen4 = 0x10 <= model < 0x20 or 0x60 <= model < 0x80 or 0xa0 <= model < 0xb0
+    generation = {25: "zen4" if is_zen4 else "zen3", 26: "zen5"}.get(family, "")
     words = f"{name} {generation if 'AMD' in name else ''}"
     return f"{name} [{os.cpu_count()}]", re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-")
+
+
+def rust_flags():
+    """Returns the flags of the compiler: of the environment, which goes first, or of the project."""
+    if "RUSTFLAGS" in os.environ:
+        return os.environ["RUSTFLAGS"]
+    config = (ROOT / ".cargo" / "config.toml").read_text()
+    [flags] = re.findall(r"^rustflags = \[(.*)\]$", config, re.M)
+    return " ".join(json.loads(f"[{flags}]")) if platform.machine() in ("x86_64", "AMD64") else None
 
 
 class Record:
@@ -55,7 +67,7 @@ class Record:
         changed = output("git", "status", "--porcelain", "--untracked-files=no")
         commit = output("git", "rev-parse", "--short=7", "HEAD") + ("+" if changed else "")
         flags = ", ".join(filter(None, [
-            " ".join(output("rustc", "--version").split()[:2]), os.environ.get("RUSTFLAGS"), "release",
+            " ".join(output("rustc", "--version").split()[:2]), rust_flags(), "release",
         ]))
         same = [self.date.strftime("%Y-%m-%dT%H:%M:%SZ"), commit, cpu()[0], self.load, flags]
         writer = csv.writer(stream, lineterminator="\n")

@@ -14,6 +14,7 @@ mod memory;
 mod merge;
 mod parse;
 mod probe;
+mod processor;
 mod profile;
 mod progress;
 mod render;
@@ -28,6 +29,7 @@ use clap::Parser as _;
 use majorant::cache::CacheError;
 
 use args::{Args, Command};
+pub(crate) use processor::refuse_older;
 
 /// Why a command ended early.
 #[derive(Debug)]
