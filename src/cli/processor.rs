@@ -9,13 +9,16 @@ use std::process::ExitCode;
 #[cfg(all(target_arch = "x86_64", target_feature = "avx2"))]
 #[inline(never)]
 pub(crate) fn refuse_older() -> Option<ExitCode> {
+    use std::io::Write as _;
+
     let cpu = raw_cpuid::CpuId::new();
     let (basic, extended) = (cpu.get_feature_info(), cpu.get_extended_feature_info());
     let has_fma = basic.is_some_and(|f| f.has_fma() && f.has_avx() && f.has_oxsave());
     if has_fma && extended.is_some_and(|f| f.has_avx2() && f.has_bmi1() && f.has_bmi2()) {
         return None;
     }
-    eprintln!(
+    let _ = writeln!(
+        std::io::stderr().lock(),
         "majorant: this processor, or the virtual machine around it, has no AVX2, BMI or FMA \
          (processors since 2013 do), for which this program was built. Build it for older ones: \
          RUSTFLAGS=\"-C target-cpu=x86-64\" cargo build --release"
