@@ -9,13 +9,19 @@
 //! below the minimum; a chord of a block crosses two of its eight parts. That makes the work
 //! of a ray through a medium of given thickness almost independent of the resolution.
 //!
+//! Cells are bricks, or larger (see `level`) where that is expected to cost less in all: of the cloud of
+//! `benches/growth.rs` cells have 8³ voxels at 128³ and 256³, 16³ at 512³ and 32³ at 1024³.
+//!
 //! Any choice is exact: a block's bound holds for all of its cells.
 
+use glam::IVec3;
 use rayon::prelude::*;
 
 use super::bounds::Bound;
-use super::brick::BRICK_DIM;
+use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::cells::Cell;
+use super::directory::Directory;
+use super::level::Level;
 use super::tree::{LOWER_LEN, LOWER_LOG2};
 
 /// Cost of a lookup, most of it waiting for memory and for the branch that it decides, in steps
@@ -28,14 +34,22 @@ const COLLISION_COST: f32 = 1.0;
 /// Cost of crossing a block: twice as many instructions as a step.
 const LEAP_COST: f32 = 2.0;
 
+/// Larger cells than bricks are tried up to this many doublings of the edge: 64³ voxels.
+const MAX_DOUBLINGS: u32 = 3;
+
 /// Base-2 logarithm of the cells of a group, the smallest block: 2³.
 const GROUP_LEN_LOG2: u32 = 3;
 
-/// The blocks of all lower nodes of a grid, chosen for one medium.
+/// The cells that rays through a grid walk, and blocks of them, chosen for one medium.
 #[derive(Clone, Debug)]
 pub struct Blocks {
     /// One for each 2³ cells, which follow each other in a node: what block holds them.
     groups: Vec<Group>,
+    /// The cells, if they are larger than bricks.
+    pub(super) level: Option<Level>,
+    /// What it is expected to cost to cross all nodes, in steps from cell to cell, weighted by how many
+    /// rays meet a node: by its face, in faces of 128² voxels.
+    cost: f64,
 }
 
 /// The block that holds 2³ cells, all of them in the same or each in its own.
@@ -123,9 +137,53 @@ impl Blocks {
             .par_chunks(LOWER_LEN)
             .map(|cells| choose(cells, depth_per_density))
             .collect();
+        let (groups, costs): (Vec<_>, Vec<_>) = nodes.into_iter().unzip();
         Self {
-            groups: nodes.concat(),
+            groups: groups.concat(),
+            level: None,
+            cost: costs.into_iter().map(f64::from).sum(),
         }
+    }
+
+    /// As [`new`](Self::new), of the bricks, whose nodes are in `directory`, and of each size of larger
+    /// cells in turn.
+    pub(super) fn of_all_sizes(
+        bricks: &[Cell],
+        directory: &Directory,
+        occupied: (IVec3, IVec3),
+        depth_per_density: f32,
+    ) -> Vec<Self> {
+        let tiles = |directory: &Directory| f64::from(LEAP_COST) * directory.tile_count() as f64;
+        let mut first = Self::new(bricks, depth_per_density);
+        first.cost += tiles(directory);
+        let mut all = vec![first];
+        for doublings in 1..=MAX_DOUBLINGS {
+            let level = match all.last().and_then(|blocks| blocks.level.as_ref()) {
+                None => Level::doubled(bricks, directory, occupied, BRICK_LOG2 + 1),
+                Some(Level {
+                    cell_log2,
+                    occupied: of,
+                    cells,
+                    directory,
+                }) => Level::doubled(cells, directory, of.unwrap_or(occupied), cell_log2 + 1),
+            };
+            let scale = (1 << doublings) as f32;
+            let mut blocks = Self::new(&level.cells, depth_per_density * scale);
+            blocks.cost = (blocks.cost + tiles(&level.directory)) * f64::from(scale * scale);
+            blocks.level = Some(level);
+            all.push(blocks);
+        }
+        all
+    }
+
+    /// Returns the cheapest of some blocks, the first of equals; `None` of none.
+    pub(super) fn cheapest(all: Vec<Self>) -> Option<Self> {
+        all.into_iter().min_by(|a, b| a.cost.total_cmp(&b.cost))
+    }
+
+    /// Returns the edge of the cells in voxels.
+    pub fn cell_edge(&self) -> i32 {
+        1 << self.level.as_ref().map_or(BRICK_LOG2, |l| l.cell_log2)
     }
 
     /// Returns the group of a cell.
@@ -136,12 +194,12 @@ impl Blocks {
 
     /// Returns the bytes that the blocks occupy.
     pub fn memory_bytes(&self) -> usize {
-        size_of_val(&self.groups[..])
+        size_of_val(&self.groups[..]) + self.level.as_ref().map_or(0, Level::memory_bytes)
     }
 }
 
-/// Chooses the blocks of one node, by group.
-fn choose(cells: &[Cell], depth_per_density: f32) -> Vec<Group> {
+/// Chooses the blocks of one node, by group; returns them with the expected cost of crossing it.
+fn choose(cells: &[Cell], depth_per_density: f32) -> (Vec<Group>, f32) {
     let collisions = |bound: Bound, log2: u32| {
         // Zero: nothing to collide with, however dense. A cube's mean chord is 2/3 of its edge.
         if bound.max > 0.0 {
@@ -180,7 +238,7 @@ fn choose(cells: &[Cell], depth_per_density: f32) -> Vec<Group> {
             })
             .unzip();
     }
-    groups
+    (groups, costs[0])
 }
 
 #[cfg(test)]

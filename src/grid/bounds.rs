@@ -446,7 +446,8 @@ fn mean(sum: f64, count: usize) -> f32 {
     (sum / count as f64) as f32
 }
 
-fn union(bounds: &[Bound]) -> Bound {
+/// Returns the bound of several cells of the same size.
+pub(super) fn union(bounds: &[Bound]) -> Bound {
     let mut all = bounds[0];
     let mut sum = 0.0_f64;
     for b in bounds {

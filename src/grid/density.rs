@@ -159,9 +159,21 @@ impl DensityGrid {
     /// `depth_per_density` along one voxel of density 1.
     ///
     /// # Cost
-    /// A look at each cell.
+    /// Two looks at each cell.
     pub fn blocks(&self, depth_per_density: f32) -> Blocks {
-        Blocks::new(&self.cells, depth_per_density)
+        Blocks::cheapest(self.blocks_of_all_sizes(depth_per_density))
+            .unwrap_or_else(|| Blocks::new(&self.cells, depth_per_density))
+    }
+
+    /// Returns what [`blocks`](Self::blocks) chooses from: blocks of bricks and of each size of larger
+    /// cells, any of them exact. None but those of bricks where there is no table of all nodes.
+    pub fn blocks_of_all_sizes(&self, depth_per_density: f32) -> Vec<Blocks> {
+        match self.bounds.occupied {
+            Some(occupied) if self.directory.memory_bytes() > 0 => {
+                Blocks::of_all_sizes(&self.cells, &self.directory, occupied, depth_per_density)
+            }
+            _ => vec![Blocks::new(&self.cells, depth_per_density)],
+        }
     }
 
     /// Returns the bound of all values, background included; empty for an empty grid.

@@ -32,7 +32,7 @@ pub(super) enum Content {
 }
 
 /// The nodes of a grid, by their place.
-#[derive(Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Directory {
     /// Lowest node of the table, in nodes.
     first: IVec3,
@@ -45,42 +45,59 @@ pub(super) struct Directory {
 impl Directory {
     /// Makes the table, unless it would be too large.
     pub(super) fn new(tree: &Tree<f32>, bounds: &Bounds) -> Self {
-        let mut directory = Self {
+        let none = Self {
             first: IVec3::ZERO,
             size: IVec3::ZERO,
             nodes: Vec::new(),
         };
         let Some((first, last)) = bounds.occupied else {
-            return directory;
+            return none;
         };
         let (first, last) = (first >> LOWER_LOG2, last >> LOWER_LOG2);
         let size = last - first + 1;
         if size.as_i64vec3().element_product() > MAX_NODES {
-            return directory;
+            return none;
         }
-        directory.first = first;
-        directory.size = size;
+        Self::of((first, last), |key| find_node(tree, bounds, key))
+    }
+
+    /// Makes the table of all nodes of a box, given in nodes.
+    pub(super) fn of((first, last): (IVec3, IVec3), mut node: impl FnMut(IVec3) -> Node) -> Self {
+        let size = last - first + 1;
+        let mut nodes = Vec::new();
         for x in 0..size.x {
             for y in 0..size.y {
                 for z in 0..size.z {
-                    let key = first + IVec3::new(x, y, z);
-                    directory.nodes.push(find_node(tree, bounds, key));
+                    nodes.push(node(first + IVec3::new(x, y, z)));
                 }
             }
         }
-        directory
+        Self { first, size, nodes }
+    }
+
+    /// Returns how many nodes of the table are one tile each.
+    pub(super) fn tile_count(&self) -> usize {
+        let is_tile = |node: &&Node| matches!(node.content, Content::Tile { .. });
+        self.nodes.iter().filter(is_tile).count()
     }
 
     /// Returns the node at `key`, its coordinates in nodes.
     #[inline] // bench: traversal
     pub(super) fn node(&self, tree: &Tree<f32>, bounds: &Bounds, key: IVec3) -> Node {
+        self.stored(key)
+            .unwrap_or_else(|| find_node(tree, bounds, key))
+    }
+
+    /// Returns the node at `key` of the table; `None` outside of it.
+    #[inline] // bench: traversal
+    pub(super) fn stored(&self, key: IVec3) -> Option<Node> {
         // Wrapping: a key below the first becomes large.
         let at = key.wrapping_sub(self.first).as_uvec3();
-        if at.cmplt(self.size.as_uvec3()).all() {
+        let is_inside = at.cmplt(self.size.as_uvec3()).all();
+        is_inside.then(|| {
             let i = (at.x * self.size.y.cast_unsigned() + at.y) * self.size.z.cast_unsigned();
-            return self.nodes[(i + at.z) as usize];
-        }
-        find_node(tree, bounds, key)
+            self.nodes[(i + at.z) as usize]
+        })
     }
 
     /// Returns the bytes that the table occupies.

@@ -24,6 +24,7 @@ mod curve;
 mod density;
 mod directory;
 mod encoding;
+mod level;
 mod occupied;
 pub mod sampler;
 pub(crate) mod sections;

@@ -1,6 +1,7 @@
 //! Walking a ray through the tree: gap-free, ordered intervals of `t` with their bounds.
 //!
-//! The walk is a digital differential analyser `[Amanatides1987]` over cells of 8³ voxels. Tiles and
+//! The walk is a digital differential analyser `[Amanatides1987]` over cells of 8³ voxels, or of 16³ to
+//! 64³ where that suits a medium (see `level`). Tiles and
 //! empty nodes of 128³ or 4096³ voxels are crossed in one step, and so are blocks of cells in which
 //! there is nothing, or little (see `blocks`). What keeps it exact:
 //!
@@ -20,11 +21,11 @@ use glam::{DVec3, IVec3};
 
 use super::blocks::Blocks;
 use super::bounds::Bound;
-use super::brick::{BRICK_DIM, BRICK_LOG2};
+use super::brick::BRICK_LOG2;
 use super::cells::Cell;
 use super::curve;
 use super::density::DensityGrid;
-use super::directory::{self, Content};
+use super::directory::{self, Content, Directory};
 use super::tree::{LOWER_LEN, LOWER_LOG2};
 use crate::space::{Aabb, floor_to_voxel};
 
@@ -50,7 +51,7 @@ pub enum Cells<'a> {
     Whole,
     /// Bricks of 8³ voxels; tiles and empty nodes, whatever their size, are one cell.
     Bricks,
-    /// As `Bricks`, but the bricks of a block are one cell.
+    /// As `Bricks`, but cells may be larger, and those of a block are one.
     Blocks(&'a Blocks),
 }
 
@@ -66,7 +67,16 @@ pub struct Traversal<'a> {
     lower: &'a [Cell],
     /// The blocks of cells that are crossed in one step.
     blocks: &'a Blocks,
-    /// Origin and direction in cells, an eighth of index space: exact, as eight is a power of two.
+    /// Where the cells' nodes are. The walk does not leave their table, but that of bricks may be
+    /// missing.
+    directory: &'a Directory,
+    /// First and last cell of the box around all that is not empty.
+    occupied: &'a Option<(IVec3, IVec3)>,
+    /// The edge of a cell in voxels: base-2 logarithm, itself, and its reciprocal.
+    cell_log2: u32,
+    size: f64,
+    scale: f64,
+    /// Origin and direction in cells: exact, as their size is a power of two.
     origin: DVec3,
     direction: DVec3,
     /// −1 on the axes on which the ray goes down, 0 on the others: makes cells along the ray of
@@ -76,7 +86,7 @@ pub struct Traversal<'a> {
     /// cross a plane, where that overflows, −∞ and 1: crossings are at ∞.
     start: DVec3,
     inverse: DVec3,
-    /// The 8³ cell at hand, along the ray, and where the ray leaves it, for each axis.
+    /// The cell at hand, along the ray, and where the ray leaves it, for each axis.
     cell: IVec3,
     exit: [f64; 3],
     /// Whether `exit` is not set: in a block, and after a leap, which another one may follow.
@@ -108,7 +118,7 @@ enum Node {
     Unknown,
     /// A lower node that is not empty: 16³ cells.
     Lower,
-    /// One bound for a cell of `2^log2` bricks an edge: a tile, or an empty node.
+    /// One bound for `2^log2` cells an edge: a tile, or an empty node.
     Large { log2: u32, bound: Bound },
     /// One bound for everything.
     Whole,
@@ -126,16 +136,30 @@ impl<'a> Traversal<'a> {
         t_max: f64,
         cells: Cells<'a>,
     ) -> Self {
-        let scale = f64::from(BRICK_DIM).recip();
         // Where root cells are missing there is no density, but a sampler reads the background.
         let has_no_background = grid.tree.background() == 0.0;
+        let blocks = match cells {
+            Cells::Blocks(blocks) if has_no_background => blocks,
+            _ => &grid.empty_blocks,
+        };
+        let (lower, directory, occupied, cell_log2) = match &blocks.level {
+            None => {
+                let occupied = &grid.bounds.occupied;
+                (&grid.cells[..], &grid.directory, occupied, BRICK_LOG2)
+            }
+            Some(of) => (&of.cells[..], &of.directory, &of.occupied, of.cell_log2),
+        };
+        let size = f64::from(1 << cell_log2);
+        let scale = size.recip();
         let mut walk = Self {
             grid,
-            lower: &grid.cells,
-            blocks: match cells {
-                Cells::Blocks(blocks) if has_no_background => blocks,
-                _ => &grid.empty_blocks,
-            },
+            lower,
+            blocks,
+            directory,
+            occupied,
+            cell_log2,
+            size,
+            scale,
             origin: origin * scale,
             direction: direction * scale,
             mirror: IVec3::ZERO,
@@ -163,7 +187,7 @@ impl<'a> Traversal<'a> {
     /// Finds the cell in which the ray starts, or where it enters the box.
     fn enter_box(&mut self) {
         let inverse = DVec3::ONE / self.direction;
-        let Some((first, last)) = self.grid.bounds.occupied else {
+        let Some((first, last)) = *self.occupied else {
             self.t_end = 0.0;
             return;
         };
@@ -203,7 +227,7 @@ impl<'a> Traversal<'a> {
                 (f64::NEG_INFINITY, 1.0)
             };
         }
-        let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
+        let (first, last) = self.occupied.unwrap_or_default();
         self.mirrored = curve::mirrored(self.mirror);
         self.end = ((last & !self.mirror) | (!first & self.mirror)) + 1;
     }
@@ -213,7 +237,7 @@ impl<'a> Traversal<'a> {
     #[inline] // bench: frame
     pub fn turn(&mut self, t: f64, direction: DVec3, t_max: f64) {
         self.origin = self.at(t);
-        self.direction = direction * f64::from(BRICK_DIM).recip();
+        self.direction = direction * self.scale;
         self.t_end = t_max;
         if !matches!(self.node, Node::Lower) {
             self.enter_box();
@@ -244,8 +268,7 @@ impl<'a> Traversal<'a> {
     /// Returns origin and direction of the ray, in index space.
     #[inline] // bench: frame
     pub fn ray(&self) -> (DVec3, DVec3) {
-        let scale = f64::from(BRICK_DIM);
-        (self.origin * scale, self.direction * scale)
+        (self.origin * self.size, self.direction * self.size)
     }
 
     /// Returns the number of the cell at hand among those of all lower nodes.
@@ -316,19 +339,15 @@ impl<'a> Traversal<'a> {
 
     /// Finds out what holds the cell, or ends the walk if it is outside of the box.
     fn enter_node(&mut self) {
-        let DensityGrid {
-            tree,
-            bounds,
-            directory,
-            ..
-        } = self.grid;
+        let DensityGrid { tree, bounds, .. } = self.grid;
         // It cannot be before the box, in which the walk began.
         if !self.cell.cmplt(self.end).all() {
             self.t_end = self.t1;
             return;
         }
         let cell = self.cell ^ self.mirror;
-        let directory::Node { bound, content } = directory.node(tree, bounds, cell >> LOWER_LOG2);
+        let key = cell >> LOWER_LOG2;
+        let directory::Node { bound, content } = self.directory.node(tree, bounds, key);
         self.node = match content {
             Content::Lower(base) if bound.max > 0.0 && !bound.is_constant() => {
                 self.place = base + curve::place(self.cell);
@@ -448,14 +467,14 @@ impl<'a> Traversal<'a> {
     #[inline] // bench: frame
     pub(super) fn at_in_brick(&self, t: f64) -> Option<(usize, DVec3)> {
         let cell = self.cell ^ self.mirror;
-        let p = (self.at(t) - cell.as_dvec3()) * f64::from(BRICK_DIM);
+        let p = (self.at(t) - cell.as_dvec3()) * self.size;
         self.is_brick().then_some((self.number(), p))
     }
 
     /// Returns whether the cell at hand is one of 8³ voxels, of a lower node.
     #[inline] // bench: frame
     pub(super) fn is_brick(&self) -> bool {
-        matches!(self.node, Node::Lower) && self.log2 == 0
+        matches!(self.node, Node::Lower) && self.log2 == 0 && self.cell_log2 == BRICK_LOG2
     }
 
     /// Returns the first voxel of the cell at hand and how many the cell has along each edge.
@@ -463,21 +482,27 @@ impl<'a> Traversal<'a> {
     pub(super) fn voxels(&self) -> (IVec3, IVec3) {
         let size = match self.node {
             Node::Whole => {
-                let (first, last) = self.grid.bounds.occupied.unwrap_or_default();
-                return (first << BRICK_LOG2, (last - first + 1) << BRICK_LOG2);
+                let (first, last) = self.occupied.unwrap_or_default();
+                return (
+                    first << self.cell_log2,
+                    (last - first + 1) << self.cell_log2,
+                );
             }
             Node::Large { log2, .. } => 1 << log2,
             Node::Unknown | Node::Lower => 1 << self.log2,
         };
         let first = (self.cell ^ self.mirror) & -size;
-        (first << BRICK_LOG2, IVec3::splat(size << BRICK_LOG2))
+        (
+            first << self.cell_log2,
+            IVec3::splat(size << self.cell_log2),
+        )
     }
 
     /// Returns the edge of the cell at hand in voxels; of the whole grid, along x.
     #[inline] // bench: frame
     pub fn edge(&self) -> f32 {
         if matches!(self.node, Node::Lower) {
-            return (BRICK_DIM << self.log2) as f32;
+            return (1 << (self.cell_log2 + self.log2)) as f32;
         }
         self.voxels().1.x as f32
     }
@@ -485,7 +510,7 @@ impl<'a> Traversal<'a> {
     /// Returns the point at `t`, in index space, clamped into the cell of the segment at hand.
     pub(super) fn clamped_at(&self, t: f64) -> DVec3 {
         let (first, size) = self.voxels();
-        let p = self.at(t) * f64::from(BRICK_DIM);
+        let p = self.at(t) * self.size;
         p.max(first.as_dvec3()).min((first + size).as_dvec3())
     }
 

@@ -162,7 +162,8 @@ proptest! {
         let o = recipe.base.as_dvec3() + start;
         let grid = grid(tree.clone());
         // Blocks where nothing is, where little is, and wherever they can be.
-        let blocks = [f32::INFINITY, 0.02, 0.0].map(|depth| grid.blocks(depth));
+        let blocks = [f32::INFINITY, 0.0].map(|depth| grid.blocks(depth));
+        let blocks: Vec<_> = blocks.into_iter().chain(grid.blocks_of_all_sizes(0.02)).collect();
         let kinds = [Cells::Bricks, Cells::Whole].into_iter().chain(blocks.iter().map(Cells::Blocks));
         for cells in kinds {
             let mut at = 0.0;
@@ -207,8 +208,9 @@ proptest! {
     fn a_turn_is_a_new_start(recipe in recipe(), (start, d) in rays(), (_, next) in rays(), part in 0.0..1.0_f64) {
         let grid = grid(build(&recipe));
         let o = recipe.base.as_dvec3() + start;
-        let blocks = grid.blocks(0.02);
-        for cells in [Cells::Bricks, Cells::Whole, Cells::Blocks(&blocks)] {
+        let blocks = grid.blocks_of_all_sizes(0.02);
+        let kinds = [Cells::Bricks, Cells::Whole].into_iter();
+        for cells in kinds.chain(blocks.iter().map(Cells::Blocks)) {
             let mut walk = grid.traverse_cells(o, d, 1e4, cells);
             while let Some(s) = walk.next() {
                 let t = s.t0 + part * (s.t1 - s.t0);
@@ -218,9 +220,13 @@ proptest! {
                 // Lengths up to rounding at the start, where one may see a sliver of another cell.
                 let ulp = 1e-12 * (1.0 + o.abs().max_element() + s.t1 * d.abs().max_element());
                 let slivers = 20.0 * ulp / next.abs().min_element().max(1e-12);
+                // A new walk begins and ends at the box of all that is not zero; one that turns goes on to
+                // the end of its cell, which may be larger.
+                let clip = grid.occupied().and_then(|b| b.intersect(o + d * t, next));
+                let (enter, leave) = clip.unwrap_or((0.0, 0.0));
                 let measure = |walk: &mut dyn Iterator<Item = Segment>| {
                     walk.fold((0.0, 0.0), |(length, depth), s| {
-                        let l = s.t1 - s.t0;
+                        let l = (s.t1.min(leave) - s.t0.max(enter)).max(0.0);
                         (length + l, depth + l * f64::from(s.bound.max))
                     })
                 };
@@ -239,8 +245,9 @@ proptest! {
     fn decisions_by_bounds_are_those_by_values(recipe in recipe(), (start, d) in rays(), seed in any::<u64>()) {
         let grid = grid(build(&recipe));
         let o = recipe.base.as_dvec3() + start;
-        let blocks = grid.blocks(0.0);
-        for cells in [Cells::Bricks, Cells::Whole, Cells::Blocks(&blocks)] {
+        let blocks = grid.blocks_of_all_sizes(0.0);
+        let kinds = [Cells::Bricks, Cells::Whole].into_iter();
+        for cells in kinds.chain(blocks.iter().map(Cells::Blocks)) {
             let mut walk = grid.traverse_cells(o, d, 1e4, cells);
             let mut sampler = grid.sampler();
             let mut bits = seed;
