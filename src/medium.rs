@@ -324,6 +324,11 @@ impl Medium {
         self.grid.sampler().trilinear(p) * self.sigma_t_per_density
     }
 
+    /// Returns the edge, in voxels, of the cells that rays walk by [`Segments::Blocks`]: that of a brick or more.
+    pub fn cell_edge(&self) -> i32 {
+        self.blocks.cell_edge()
+    }
+
     /// Returns the largest extinction anywhere.
     pub fn majorant(&self) -> f32 {
         self.grid.bound().max * self.sigma_t_per_density

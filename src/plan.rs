@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::aov::Aov;
 use crate::emission::Emission;
+use crate::grid::brick::BRICK_DIM;
 use crate::integrator::{
     CameraRay, IntegratorKind, Kernel, TransportSettings, absorbing_tracking, absorbs_only, steers,
 };
@@ -404,7 +405,13 @@ fn add_tracking(
         ),
         _ => "asked for".to_owned(),
     };
-    add(&format!("bounds: {}", tracking.bounds), &why);
+    let cells = medium.cell_edge();
+    let larger = if tracking.bounds == BoundsKind::Hierarchy && cells > BRICK_DIM {
+        format!(", of cells of {cells}³ voxels")
+    } else {
+        String::new()
+    };
+    add(&format!("bounds: {}{larger}", tracking.bounds), &why);
     let auto = tracking.transmittance == TransmittanceEstimator::Auto;
     let met = survey.collisions_per_ray;
     for (rate, what, why) in [
