@@ -7,6 +7,7 @@
 use std::ops::Deref;
 
 use memmap2::{Mmap, MmapMut};
+use rayon::prelude::*;
 
 use super::bounds::Bound;
 use super::curve;
@@ -23,37 +24,63 @@ pub(super) struct Cell {
     pub(super) slot: Slot,
 }
 
-/// What the bound of a cell is about: the upper halves of two `f32`, the maximum rounded up.
+/// What the bounds of cells are about, in 2 bytes each.
 ///
-/// Most collisions in blocks of many cells are decided by it, and it is a quarter of a cell: that much
-/// more of what a tile's paths meet is in the caches.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Hint {
-    min: u16,
-    max: u16,
+/// Most collisions in blocks of many cells are decided by it, and it is an eighth of a cell: that much
+/// more of what a tile's paths meet is in the caches. A code `c` stands for `c² · unit`: steps are 0.8 %
+/// of the highest value, 2.5 % of a tenth of it, and a cell far below a spike elsewhere is looked up.
+#[derive(Clone, Debug)]
+pub(super) struct Hints {
+    /// Minimum, rounded down, and maximum, rounded up, of each cell.
+    codes: Vec<[u8; 2]>,
+    unit: f32,
 }
 
-impl Hint {
-    fn new(bound: Bound) -> Self {
-        let upper_half = |bits: u32| (bits >> 16) as u16;
-        Self {
-            min: upper_half(bound.min.to_bits()),
-            // Infinity, above the largest number that has a half.
-            max: upper_half(bound.max.to_bits() + 0xffff),
+impl Hints {
+    fn new(cells: &[Cell]) -> Self {
+        const MOST: f32 = 255.0 * 255.0;
+        let highest = cells.iter().fold(0.0, |most: f32, c| most.max(c.bound.max));
+        // Rounding up twice at most: the highest code is not below the highest value.
+        let mut unit = highest / MOST;
+        while MOST * unit < highest {
+            unit = unit.next_up();
         }
+        let codes = cells.par_iter().map(|c| encode(c.bound, unit)).collect();
+        Self { codes, unit }
     }
 
-    /// Returns what no value of the cell is below.
+    /// Returns what no value of a cell is below, and what none is above.
     #[inline] // bench: frame
-    pub(super) fn min(self) -> f32 {
-        f32::from_bits(u32::from(self.min) << 16)
+    pub(super) fn range(&self, cell: usize) -> (f32, f32) {
+        let [min, max] = self.codes[cell];
+        (decode(min, self.unit), decode(max, self.unit))
     }
 
-    /// Returns what no value of the cell is above.
-    #[inline] // bench: frame
-    pub(super) fn max(self) -> f32 {
-        f32::from_bits(u32::from(self.max) << 16)
+    /// Returns the bytes that the hints occupy.
+    pub(super) fn memory_bytes(&self) -> usize {
+        size_of_val(&self.codes[..])
     }
+}
+
+/// Returns the codes of a minimum and of a maximum, which is at most that of code 255.
+fn encode(bound: Bound, unit: f32) -> [u8; 2] {
+    #[expect(
+        clippy::cast_possible_truncation,
+        clippy::cast_sign_loss,
+        reason = "0 to 255; of nothing in a grid of nothing, 0"
+    )]
+    let near = |value: f32| (value / unit).sqrt() as u8;
+    // The root may have been rounded up.
+    let mut down = (0..=near(bound.min)).rev();
+    let min = down.find(|&c| decode(c, unit) <= bound.min);
+    let max = (near(bound.max)..=u8::MAX).find(|&c| decode(c, unit) >= bound.max);
+    [min.unwrap_or(0), max.unwrap_or(u8::MAX)]
+}
+
+/// Returns the value that a code stands for; in the same order as codes.
+#[inline] // bench: frame
+fn decode(code: u8, unit: f32) -> f32 {
+    (u32::from(code) * u32::from(code)) as f32 * unit
 }
 
 /// The cells of all lower nodes, those of each along a curve (see `curve`).
@@ -81,9 +108,9 @@ impl CellTable {
         mapped.map_or_else(|| Self::Small(cells().collect()), Self::Large)
     }
 
-    /// Returns the hint of each cell.
-    pub(super) fn hints(&self) -> Vec<Hint> {
-        self.iter().map(|cell| Hint::new(cell.bound)).collect()
+    /// Returns hints of the cells' bounds.
+    pub(super) fn hints(&self) -> Hints {
+        Hints::new(self)
     }
 }
 
@@ -118,29 +145,38 @@ mod tests {
 
     #[test]
     fn hints_hold_their_bounds() {
-        let values = [
-            0.0,
-            1e-45,
-            3e-39,
-            0.1,
-            1.0,
-            1.000_000_1,
-            7.3,
-            3e38,
-            f32::MAX,
-        ];
-        for (i, &min) in values.iter().enumerate() {
-            for &max in &values[i..] {
-                let hint = Hint::new(Bound {
-                    min,
-                    max,
-                    mean: min,
-                });
-                assert!(hint.min() <= min && hint.max() >= max, "{hint:?}");
-                let unit = 1e-40;
-                assert!(hint.min() >= min * (1.0 - 1.0 / 128.0) - unit, "{hint:?}");
-                let is_close = hint.max() <= max * (1.0 + 1.0 / 128.0) + unit;
-                assert!(is_close || max == f32::MAX, "{hint:?} for {max}");
+        let values = [0.0, 1e-45, 3e-39, 0.1, 1.0, 1.000_000_1, 7.3, 3e38];
+        for highest in values.into_iter().chain([1e-37, f32::MAX]) {
+            let below = |v: &f32| *v <= highest;
+            let values: Vec<f32> = values.into_iter().filter(below).chain([highest]).collect();
+            let bound = |min, max| Bound {
+                min,
+                max,
+                mean: min,
+            };
+            let pairs = values.iter().enumerate();
+            let cells: Vec<Cell> = pairs
+                .flat_map(|(i, &min)| values[i..].iter().map(move |&max| bound(min, max)))
+                .map(|bound| Cell {
+                    bound,
+                    slot: Slot::BACKGROUND,
+                })
+                .collect();
+            let hints = Hints::new(&cells);
+            for (i, Cell { bound, .. }) in cells.iter().enumerate() {
+                let [min, max, low, high, highest] = {
+                    let (min, max) = hints.range(i);
+                    [min, max, bound.min, bound.max, highest].map(f64::from)
+                };
+                assert!(min <= low && max >= high, "{min} to {max}: {bound:?}");
+                // A step of codes; where numbers have few digits, a unit of those for each of 255².
+                let step = |value: f64| {
+                    2.01 / 255.0 * (value * highest).sqrt().max(highest / 255.0) + 1e-40
+                };
+                assert!(min + step(low) >= low, "{min}: {bound:?}");
+                // Infinity, where the highest code is rounded up to nothing less.
+                let is_near = max <= high + step(high) || bound.max == f32::MAX;
+                assert!(is_near, "{max}: {bound:?}");
             }
         }
     }

@@ -5,7 +5,7 @@ use glam::DVec3;
 use super::blocks::Blocks;
 use super::bounds::{Bound, Bounds, add_halo};
 use super::brick::{BRICK_DIM, BRICK_LEN, BRICK_LOG2};
-use super::cells::{Cell, CellTable, Hint};
+use super::cells::{Cell, CellTable, Hints};
 use super::curve;
 use super::directory::Directory;
 use super::encoding::Encoding;
@@ -22,8 +22,8 @@ pub struct DensityGrid {
     pub(super) tree: Tree<f32>,
     /// Slots and bounds of the lower nodes, which tree and bounds no longer have.
     pub(super) cells: CellTable,
-    /// One for each cell.
-    pub(super) hints: Vec<Hint>,
+    /// Of the cells' bounds.
+    pub(super) hints: Hints,
     pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
@@ -294,7 +294,7 @@ impl DensityGrid {
     pub fn memory_bytes(&self) -> usize {
         self.tree.memory_bytes()
             + size_of_val(&self.cells[..])
-            + size_of_val(&self.hints[..])
+            + self.hints.memory_bytes()
             + self.values.memory_bytes()
             + self.bounds.memory_bytes()
             + self.directory.memory_bytes()

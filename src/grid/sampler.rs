@@ -241,11 +241,11 @@ impl<'a> Sampler<'a> {
             Ok(cell) => cell,
             Err(value) => return ControlFlow::Continue(value),
         };
-        let hint = self.grid.hints[cell];
-        if accepts(hint.min()) {
+        let (min, max) = self.grid.hints.range(cell);
+        if accepts(min) {
             return ControlFlow::Break(true);
         }
-        if !accepts(hint.max()) {
+        if !accepts(max) {
             return ControlFlow::Break(false);
         }
         ControlFlow::Continue(match self.brick(cell) {
