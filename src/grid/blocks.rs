@@ -17,7 +17,7 @@
 use glam::IVec3;
 use rayon::prelude::*;
 
-use super::bounds::Bound;
+use super::bounds::{Bound, union};
 use super::brick::{BRICK_DIM, BRICK_LOG2};
 use super::cells::Cell;
 use super::directory::Directory;
@@ -219,14 +219,7 @@ fn choose(cells: &[Cell], depth_per_density: f32) -> (Vec<Group>, f32) {
         let next = blocks.zip(groups.chunks_exact_mut(len));
         (costs, parts) = next
             .map(|((costs, parts), groups)| {
-                let mut bound = parts[0];
-                bound.mean = 0.0;
-                for part in parts {
-                    bound.min = bound.min.min(part.min);
-                    bound.max = bound.max.max(part.max);
-                    bound.mean += part.mean / 8.0;
-                }
-                bound.mean = bound.mean.clamp(bound.min, bound.max);
+                let bound = union(parts);
                 let split = costs.iter().map(|cost| cost / 4.0).sum::<f32>();
                 let merged = LEAP_COST + collisions(bound, log2);
                 if merged < split

@@ -455,8 +455,9 @@ pub(super) fn union(bounds: &[Bound]) -> Bound {
         all.max = all.max.max(b.max);
         sum += f64::from(b.mean);
     }
+    // Rounded sums may be past either end.
     Bound {
-        mean: mean(sum, bounds.len()),
+        mean: mean(sum, bounds.len()).clamp(all.min, all.max),
         ..all
     }
 }

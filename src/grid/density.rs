@@ -166,10 +166,12 @@ impl DensityGrid {
     }
 
     /// Returns what [`blocks`](Self::blocks) chooses from: blocks of bricks and of each size of larger
-    /// cells, any of them exact. None but those of bricks where there is no table of all nodes.
+    /// cells, any of them exact. None but those of bricks where there is no table of all nodes, or a
+    /// background, which walks by blocks leave to bricks.
     pub fn blocks_of_all_sizes(&self, depth_per_density: f32) -> Vec<Blocks> {
+        let has_all_nodes = self.directory.memory_bytes() > 0 && self.tree.background() == 0.0;
         match self.bounds.occupied {
-            Some(occupied) if self.directory.memory_bytes() > 0 => {
+            Some(occupied) if has_all_nodes => {
                 Blocks::of_all_sizes(&self.cells, &self.directory, occupied, depth_per_density)
             }
             _ => vec![Blocks::new(&self.cells, depth_per_density)],
