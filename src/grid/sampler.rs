@@ -18,7 +18,7 @@ use super::cells::Cell;
 use super::curve;
 use super::density::DensityGrid;
 use super::directory::Content;
-use super::traverse::Traversal;
+use super::traverse::{ROUND, Traversal};
 use super::tree::{LOWER_TOTAL_LOG2, Tree};
 use crate::space::floor_to_voxel;
 
@@ -161,16 +161,31 @@ impl<'a> Sampler<'a> {
     /// trilinear weight (to within 2⁻²¹) from 64 random `bits`.
     #[inline] // bench: lookup
     pub fn stochastic(&mut self, p_index: DVec3, bits: u64) -> f32 {
-        self.value(Self::tap(p_index, bits))
+        // Beyond the ends of i32 everything is background.
+        let ends = [i32::MIN, i32::MAX].map(|end| DVec3::splat(end.into()));
+        self.value(Self::tap(p_index.max(ends[0]).min(ends[1]), bits))
     }
 
-    /// Returns one of the eight voxels around `p_index`, drawn with its trilinear weight.
+    /// Returns one of the eight voxels around `p_index`, whose coordinates an `i32` can hold, drawn
+    /// with its trilinear weight.
     #[inline] // bench: lookup
     fn tap(p_index: DVec3, bits: u64) -> IVec3 {
         // Adding a uniform number and rounding down goes up with the probability of the
         // fraction. Three numbers of 21 bits each.
-        let u = |shift: u32| (bits >> shift & 0x1f_ffff) as f64 * (1.0 / 2_097_152.0);
-        floor_to_voxel(p_index + DVec3::new(u(0), u(21), u(42)))
+        let u = |shift: u32| {
+            #[expect(clippy::cast_possible_truncation, reason = "masked")]
+            let digits = (bits >> shift) as u32 & 0x1f_ffff;
+            f64::from(digits) * (1.0 / 2_097_152.0)
+        };
+        let p = p_index + DVec3::new(u(0), u(21), u(42));
+        // A third of what a conversion that saturates takes.
+        let floor = |x: f64| {
+            let near = x + ROUND;
+            #[expect(clippy::cast_possible_truncation, reason = "the last bits are meant")]
+            let i = near.to_bits() as i32;
+            i.wrapping_sub(i32::from(near - ROUND > x))
+        };
+        IVec3::new(floor(p.x), floor(p.y), floor(p.z))
     }
 
     /// As [`stochastic`](Self::stochastic), at a point `p` in the segment at hand of a walk, given

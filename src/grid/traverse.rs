@@ -124,6 +124,9 @@ enum Node {
     Whole,
 }
 
+/// 1.5·2⁵². Adding it to a number below 2³¹ rounds that to an integer, which is in the last bits then.
+pub(super) const ROUND: f64 = 6_755_399_441_055_744.0;
+
 /// In place of an axis: the cell at hand has not been visited yet.
 const STAY: usize = 3;
 
@@ -545,9 +548,8 @@ impl Iterator for Traversal<'_> {
 /// instructions of [`floor_to_voxel`]. Beyond the range of `i32` it is any number.
 #[inline] // bench: frame
 fn near_floor(p: DVec3) -> IVec3 {
-    // Adding 1.5·2⁵² rounds to an integer, and leaves it in the last bits.
     #[expect(clippy::cast_possible_truncation, reason = "the last bits are meant")]
-    let near = |x: f64| ((x - 0.5) + 6_755_399_441_055_744.0).to_bits() as i32;
+    let near = |x: f64| ((x - 0.5) + ROUND).to_bits() as i32;
     IVec3::new(near(p.x), near(p.y), near(p.z))
 }
 
