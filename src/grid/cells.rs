@@ -7,7 +7,6 @@
 use std::ops::Deref;
 
 use memmap2::{Mmap, MmapMut};
-use rayon::prelude::*;
 
 use super::bounds::Bound;
 use super::curve;
@@ -45,7 +44,7 @@ impl Hints {
         while MOST * unit < highest {
             unit = unit.next_up();
         }
-        let codes = cells.par_iter().map(|c| encode(c.bound, unit)).collect();
+        let codes = cells.iter().map(|c| encode(c.bound, unit)).collect();
         Self { codes, unit }
     }
 
