@@ -96,7 +96,7 @@ fn signal(child: &std::process::Child, name: &str) {
 #[cfg(unix)]
 #[test]
 fn an_interrupted_frame_goes_on_to_the_same_bits() {
-    let s = Sequence::new(12_000);
+    let s = Sequence::new(30_000);
     let whole = s.folder.path("whole.exr");
     let part = s.folder.path("part.exr");
     let args = |out: &str| -> Vec<String> {
@@ -155,7 +155,8 @@ fn an_interrupted_frame_goes_on_to_the_same_bits() {
 /// with.
 #[test]
 fn a_time_limit_stops_and_foreign_checkpoints_are_left_alone() {
-    let s = Sequence::new(20_000);
+    // More than a minute's work: no machine is done within the limit.
+    let s = Sequence::new(2_000_000);
     let out = s.folder.path("a.exr");
     let base = ["render", &s.scene, "-f", "21", "-o", &out, "--resume"];
     let run = majorant(&[&base[..], &["--time-limit", "0.3"]].concat());

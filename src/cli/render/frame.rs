@@ -86,7 +86,7 @@ pub(super) fn render(
         let waited = (pass_begin - begin).as_secs_f64();
         first_tile_secs.get_or_insert(waited + pass.first_tile_secs);
         if pass.complete {
-            step = next_step(step, pass_begin.elapsed());
+            step = next_step(step, pass_begin.elapsed(), watch.time_left().min(PASS));
         }
         preview.after_pass(&work);
         if let Some(viewer) = &mut viewer {
@@ -160,9 +160,9 @@ impl<'a> Preview<'a> {
     }
 }
 
-/// Returns how many samples the next pass is to take, after `step` took `elapsed`.
-fn next_step(step: u64, elapsed: Duration) -> u64 {
-    let factor = PASS.as_secs_f64() / elapsed.as_secs_f64().max(1e-9);
+/// Returns how many samples the next pass is to take for `aim`, after `step` took `elapsed`.
+fn next_step(step: u64, elapsed: Duration, aim: Duration) -> u64 {
+    let factor = aim.as_secs_f64() / elapsed.as_secs_f64().max(1e-9);
     // No more than four times: the first samples tell little of the next.
     let wanted = step as f64 * factor.min(4.0);
     #[expect(

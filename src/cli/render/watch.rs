@@ -86,6 +86,14 @@ impl Watch {
         &self.pause
     }
 
+    /// Returns how long until the time limit, at which a pass is to end: the clock is looked at
+    /// only where a tile ends, which in a small picture is where the pass does.
+    pub(super) fn time_left(&self) -> Duration {
+        self.deadline.map_or(Duration::MAX, |at| {
+            at.saturating_duration_since(Instant::now())
+        })
+    }
+
     /// Looks at the clock.
     pub(super) fn tick(&self) {
         let now = Instant::now();
