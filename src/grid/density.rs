@@ -9,6 +9,7 @@ use super::cells::{Cell, CellTable, Hints};
 use super::curve;
 use super::directory::Directory;
 use super::encoding::Encoding;
+use super::ranks::Ranks;
 use super::sampler::Sampler;
 use super::traverse::{Cells, Traversal};
 use super::tree::{LOWER_LEN, Tree};
@@ -24,6 +25,8 @@ pub struct DensityGrid {
     pub(super) cells: CellTable,
     /// Of the cells' bounds.
     pub(super) hints: Hints,
+    /// Which of the cells are which bricks.
+    pub(super) ranks: Ranks,
     pub(super) values: Values,
     pub(super) bounds: Bounds,
     pub(super) directory: Directory,
@@ -107,7 +110,8 @@ impl DensityGrid {
         transform: IndexTransform,
     ) -> Self {
         let directory = Directory::new(&tree, &bounds);
-        let cells = CellTable::new(&tree.take_lower(), &std::mem::take(&mut bounds.lower));
+        let slots = tree.take_lower();
+        let cells = CellTable::new(&slots, &std::mem::take(&mut bounds.lower));
         let empty_blocks = Blocks::new(&cells, f32::INFINITY);
         tree.drop_origins();
         // Outside of the table, where everything reads as the background, nothing asks for upper
@@ -119,6 +123,7 @@ impl DensityGrid {
         Self {
             tree,
             hints: cells.hints(),
+            ranks: Ranks::new(&slots),
             cells,
             values,
             bounds,
@@ -297,6 +302,7 @@ impl DensityGrid {
         self.tree.memory_bytes()
             + size_of_val(&self.cells[..])
             + self.hints.memory_bytes()
+            + self.ranks.memory_bytes()
             + self.values.memory_bytes()
             + self.bounds.memory_bytes()
             + self.directory.memory_bytes()

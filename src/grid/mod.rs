@@ -26,6 +26,7 @@ mod directory;
 mod encoding;
 mod level;
 mod occupied;
+mod ranks;
 pub mod sampler;
 pub(crate) mod sections;
 pub mod traverse;

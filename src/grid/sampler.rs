@@ -263,7 +263,8 @@ impl<'a> Sampler<'a> {
         if !accepts(max) {
             return ControlFlow::Break(false);
         }
-        ControlFlow::Continue(match self.brick(cell) {
+        let counted = self.grid.ranks.brick(cell, p);
+        ControlFlow::Continue(match counted.map_or_else(|| self.brick(cell), Ok) {
             Ok(b) => self.grid.values.get(b, brick::offset(p)),
             Err(value) => value,
         })
