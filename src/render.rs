@@ -204,6 +204,7 @@ impl<'a> Frame<'a> {
             cell.cost.values_read += counts.values_read() - before.values_read();
             cell.cost.null_collisions += counts.null_collisions - before.null_collisions;
         }
+        tile.settle();
         stream.counts
     }
 

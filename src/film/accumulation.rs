@@ -30,17 +30,31 @@ pub struct Cell {
 #[derive(Clone, Debug)]
 pub struct Tile {
     region: Region,
+    /// Of the whole image.
+    columns: u32,
     cells: Vec<Cell>,
     /// Sums of output variables, `[cell][channel]`.
     sums: Vec<f64>,
+    /// Where the pixels of half 0 and half 1 go on; `None`: not known since they were changed.
+    going_on: Option<[GoingOn; 2]>,
+}
+
+/// Where the pixels of a half go on.
+#[derive(Clone, Copy, Debug, Default)]
+struct GoingOn {
+    pixels: u64,
+    /// Indices of their next samples.
+    least: u64,
+    largest: u64,
 }
 
 impl Tile {
     /// Returns each pixel's column and row in the image, with its cell and its sums of output
-    /// variables.
+    /// variables. [`settle`](Self::settle) when done.
     pub fn cells_and_sums_mut(
         &mut self,
     ) -> impl Iterator<Item = (u32, u32, &mut Cell, &mut [f64])> {
+        self.going_on = None;
         let channels = self.sums.len() / self.cells.len().max(1);
         let mut rest = &mut self.sums[..];
         let Region { min, max } = self.region;
@@ -50,6 +64,38 @@ impl Tile {
             rest = others;
             (x, y, cell, sums)
         })
+    }
+
+    /// Looks once, while the cells are in a cache, at where they go on, for all that will ask: a pass
+    /// over 129,600 pixels asks four times, which took 10 ms of one thread.
+    pub fn settle(&mut self) {
+        self.going_on = Some(self.going_on());
+    }
+
+    fn going_on(&self) -> [GoingOn; 2] {
+        self.going_on.unwrap_or_else(|| {
+            let mut halves = [GoingOn::default(); 2];
+            for (half, next) in self.nexts() {
+                let of = &mut halves[half];
+                of.least = if of.pixels == 0 {
+                    next
+                } else {
+                    of.least.min(next)
+                };
+                of.largest = of.largest.max(next);
+                of.pixels += 1;
+            }
+            halves
+        })
+    }
+
+    /// Returns each pixel's half, and the index of its next sample.
+    fn nexts(&self) -> impl Iterator<Item = (usize, u64)> {
+        let Region { min, max } = self.region;
+        let places = (min[1]..max[1]).flat_map(move |y| (min[0]..max[0]).map(move |x| (x, y)));
+        let columns = u64::from(self.columns);
+        let halves = places.map(move |(x, y)| half_of(u64::from(y) * columns + u64::from(x)));
+        halves.zip(self.cells.iter().map(|cell| cell.next))
     }
 }
 
@@ -81,11 +127,15 @@ impl Accumulation {
                 max: [end(x, 0), end(y, 1)],
             };
             let count = region.width() as usize * region.height() as usize;
-            Tile {
+            let mut tile = Tile {
                 region,
+                columns: full_size[0],
                 cells: vec![empty; count],
                 sums: Vec::new(),
-            }
+                going_on: None,
+            };
+            tile.settle();
+            tile
         };
         Self {
             full_size,
@@ -176,38 +226,35 @@ impl Accumulation {
     /// Returns how many samples are missing until all pixels of half 0 and half 1 (see
     /// [`half_of`]) have those below `until`.
     pub fn missing(&self, until: [u64; 2]) -> u64 {
-        let mut total = 0;
-        for tile in &self.tiles {
-            let Region { min, max } = tile.region;
-            let places = (min[1]..max[1]).flat_map(|y| (min[0]..max[0]).map(move |x| (x, y)));
-            for ((x, y), cell) in places.zip(&tile.cells) {
-                total += until[self.half_at(x, y)].saturating_sub(cell.next);
+        let missing = |tile: &Tile, half: usize, of: GoingOn| {
+            if of.least == of.largest {
+                return of.pixels * until[half].saturating_sub(of.least);
             }
-        }
-        total
+            // A pass was broken off here.
+            let nexts = tile.nexts().filter(|&(other, _)| other == half);
+            nexts
+                .map(|(_, next)| until[half].saturating_sub(next))
+                .sum()
+        };
+        let of_tile = |tile: &Tile| {
+            let [a, b] = tile.going_on();
+            missing(tile, 0, a) + missing(tile, 1, b)
+        };
+        self.tiles.iter().map(of_tile).sum()
     }
 
     /// Returns the indices that the next samples of pixels have, from the least to the largest, of
     /// half 0 and half 1 (see [`half_of`]). A half without pixels has the first of all.
     pub fn next(&self) -> [RangeInclusive<u64>; 2] {
-        let mut ends: [Option<(u64, u64)>; 2] = [None; 2];
-        for tile in &self.tiles {
-            let Region { min, max } = tile.region;
-            let places = (min[1]..max[1]).flat_map(|y| (min[0]..max[0]).map(move |x| (x, y)));
-            for ((x, y), Cell { next, .. }) in places.zip(&tile.cells) {
-                let (least, largest) = ends[self.half_at(x, y)].get_or_insert((*next, *next));
-                *least = (*least).min(*next);
-                *largest = (*largest).max(*next);
-            }
-        }
-        ends.map(|ends| {
+        [0, 1].map(|half| {
+            let tiles = self.tiles.iter().map(|tile| tile.going_on()[half]);
+            let ends = tiles
+                .filter(|of| of.pixels > 0)
+                .map(|of| (of.least, of.largest))
+                .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
             let (least, largest) = ends.unwrap_or((self.first, self.first));
             least..=largest
         })
-    }
-
-    fn half_at(&self, x: u32, y: u32) -> usize {
-        half_of(u64::from(y) * u64::from(self.full_size[0]) + u64::from(x))
     }
 
     /// Returns the image so far.
@@ -269,6 +316,11 @@ mod tests {
             }
         }
         assert_eq!(state.next(), [8..=8, 8..=8]);
+        for tile in state.tiles_mut() {
+            tile.settle();
+        }
+        assert_eq!(state.next(), [8..=8, 8..=8]);
+        assert_eq!(state.missing([9, 9]), 40 * 37);
         let film = state.film();
         assert_eq!(
             (film.width(), film.height(), film.full_size()),
@@ -278,6 +330,31 @@ mod tests {
             let (x, y) = (5 + i % 40, 3 + i / 40);
             assert_eq!(pixel.mean, [f64::from(x), f64::from(y), 0.0], "pixel {i}");
         }
+    }
+
+    #[test]
+    fn samples_are_counted_where_a_pass_was_broken_off() {
+        let region = Region {
+            min: [1, 2],
+            max: [40, 21],
+        };
+        let mut state = Accumulation::new([50, 60], region, 7);
+        let next = |x: u32, y: u32| u64::from(7 + (x * y) % 4 * u32::from(x < 20));
+        for tile in state.tiles_mut() {
+            for (x, y, cell, _) in tile.cells_and_sums_mut() {
+                cell.next = next(x, y);
+            }
+            tile.settle();
+        }
+        let until = [9_u64, 11];
+        let (mut missing, mut ends) = (0, [(u64::MAX, 0); 2]);
+        for (y, x) in (2..21).flat_map(|y| (1..40).map(move |x| (y, x))) {
+            let (half, next) = (half_of(u64::from(y * 50 + x)), next(x, y));
+            missing += until[half].saturating_sub(next);
+            ends[half] = (ends[half].0.min(next), ends[half].1.max(next));
+        }
+        assert_eq!(state.missing(until), missing);
+        assert_eq!(state.next(), ends.map(|(least, largest)| least..=largest));
     }
 
     /// Half of 10⁶ pixels, give or take 5 standard deviations of 500; neighbours, across and down
