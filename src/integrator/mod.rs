@@ -146,6 +146,8 @@ pub struct Context<'a> {
     lamps: Option<Lamps<'a>>,
     /// Of the path integrator.
     kernel: Kernel,
+    /// Tentative collisions of camera rays for each unit of the bound, where they are expectations.
+    camera_rate: f32,
 }
 
 impl<'a> Context<'a> {
@@ -186,6 +188,7 @@ impl<'a> Context<'a> {
             } else {
                 Kernel::new(&settings, &surveys)
             },
+            camera_rate: primary::rate(&surveys),
         }
     }
 }

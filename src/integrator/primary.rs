@@ -31,7 +31,7 @@ use crate::medium::Medium;
 use crate::sampling::{Number, Stream};
 use crate::space::Ray;
 use crate::spectrum::Rgb;
-use crate::tracking::{Survey, Tracking, TransmittanceEstimator};
+use crate::tracking::{ExpectedChoice, Survey, Tracking, TransmittanceEstimator};
 
 /// Probability for a path to go on, for each unit of opacity.
 pub(super) const SURVIVAL: f32 = 3.0;
@@ -46,6 +46,15 @@ pub(super) const ANALOG_BELOW: f32 = 0.1;
 /// tight: in a cloud of depth 15 resolved by 512³ voxels, rays meet 3 collisions that need a
 /// lookup, and expected camera rays took 2.7 µs a sample in place of 2.2.
 const THIN: f32 = 3.0;
+
+/// Most tentative collisions of a camera ray for each unit of the bound, where it is an expectation, and
+/// the optical depth above which there is one.
+///
+/// Efficiency at a rate of 1, 1.5 and 2, shadow rays at 2, relative to 2 with shadow rays at 1: depth
+/// 0.04: 0.94, 1.08, 1.05; 0.33: 1.20, 1.17, 1.18; 0.54: 1.03, 0.99, 1.01; 1.16: 1.21, 1.10, 1.07;
+/// 2.4: 1.19, 1.08, 1.01. The first three depths are of the sequence: more collisions need more.
+const MAX_RATE: f32 = 2.0;
+const RATE_1_DEPTH: f32 = 0.5;
 
 /// In absorbing media, transmittances below this play roulette: too little to be seen, and most of
 /// the voxels along a ray.
@@ -84,6 +93,13 @@ impl Kernel {
             _ => Self::Analog,
         }
     }
+}
+
+/// Returns how many tentative collisions camera rays make for each unit of the bound of a medium, where
+/// they are expectations.
+pub(super) fn rate(surveys: &[Survey]) -> f32 {
+    let depth = surveys.first().map_or(0.0, |survey| survey.optical_depth);
+    (RATE_1_DEPTH / depth).clamp(1.0, MAX_RATE)
 }
 
 /// Returns whether nothing of the light in `media` is scattered and the settings leave it at that:
@@ -180,8 +196,12 @@ fn expected<G: Gather>(
     stream: &mut Stream,
 ) -> PathSample<G> {
     let lights = context.lights;
-    let number = stream.number(Number::Collision);
-    let flight = tracking.expected_flight(medium, &ray, (ANALOG_BELOW, number), stream);
+    let choice = ExpectedChoice {
+        rate: context.camera_rate,
+        analog_below: ANALOG_BELOW,
+        number: stream.number(Number::Collision),
+    };
+    let flight = tracking.expected_flight(medium, &ray, choice, stream);
     let opacity = 1.0 - flight.transmittance;
     let through = Rgb::splat(flight.transmittance);
     // What is scattered is near the usual sky: that much of it is added without a path.

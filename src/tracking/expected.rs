@@ -30,11 +30,6 @@ use super::distance::EXACT_COLLISIONS_PER_VOXEL;
 use crate::medium::{BoundSegment, MediumRay};
 use crate::sampling::{Number, Stream};
 
-/// Tentative collisions for each unit of the bound, at least. Noise of a smoke's image at 1, 2, 4
-/// and 8 collisions, of shadow rays as well: 0.0445, 0.0343, 0.0329, 0.0318; its time in ms a
-/// sample: 31, 37, 42, 53.
-pub(super) const LEAST_RATE: f32 = 2.0;
-
 /// What becomes of a ray, by expectation.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ExpectedFlight {
@@ -43,6 +38,17 @@ pub struct ExpectedFlight {
     /// World distance of a collision that stands for all, with the weight `1 − transmittance`;
     /// `None` if that is zero.
     pub collision: Option<f64>,
+}
+
+/// How the expectation is taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ExpectedChoice {
+    /// Tentative collisions for each unit of the majorant, at least 1.
+    pub rate: f32,
+    /// Weight, in [0, 1], below which the rest is left to the distance estimator.
+    pub analog_below: f32,
+    /// Chooses the collision: uniform in [0, 1).
+    pub number: f32,
 }
 
 /// The walk, and one of its collisions so far.

@@ -22,6 +22,6 @@ mod survey;
 pub mod transmittance;
 
 pub use chromatic::{ChromaticFlight, Factor};
-pub use expected::ExpectedFlight;
+pub use expected::{ExpectedChoice, ExpectedFlight};
 pub use settings::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
 pub use survey::{BrickShares, Survey};

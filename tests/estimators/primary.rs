@@ -26,7 +26,9 @@ use majorant::scene::Scene;
 use majorant::silhouette::Silhouette;
 use majorant::space::{IndexTransform, Ray};
 use majorant::spectrum::Rgb;
-use majorant::tracking::{BoundsKind, DistanceEstimator, Tracking, TransmittanceEstimator};
+use majorant::tracking::{
+    BoundsKind, DistanceEstimator, ExpectedChoice, Tracking, TransmittanceEstimator,
+};
 
 /// A lumpy ball of radius about 20 voxels around the origin, with holes.
 fn lumps() -> Tree<f32> {
@@ -111,11 +113,10 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             for distance in [DistanceEstimator::Auto, DistanceEstimator::Delta] {
                 let tracking = Tracking {
                     bounds,
-                    rate,
                     distance,
                     ..Tracking::default()
                 };
-                runs.push((below, tracking));
+                runs.push((below, rate, tracking));
             }
         }
     }
@@ -147,7 +148,7 @@ fn expected_flights_have_the_distribution_of_real_ones() {
             (total - 1.0).abs() < 1e-6,
             "{name}: all is between {start} and {end}"
         );
-        for (k, (below, tracking)) in runs.iter().enumerate() {
+        for (k, &(analog_below, rate, tracking)) in runs.iter().enumerate() {
             let mut stream = Stream::new(StreamKey::default());
             let n = 1 << 16;
             let (mut sum, mut square) = ([0.0; CELLS + 1], [0.0; CELLS + 1]);
@@ -156,7 +157,11 @@ fn expected_flights_have_the_distribution_of_real_ones() {
                 // independent among pixels.
                 let streams = PixelStreams::new(1 + k as u64, 0, pixel, SamplerKind::Sobol);
                 streams.start(5, &mut stream);
-                let choice = (*below, stream.number(Number::Collision));
+                let choice = ExpectedChoice {
+                    rate,
+                    analog_below,
+                    number: stream.number(Number::Collision),
+                };
                 let flight = tracking.expected_flight(&medium, &ray, choice, &mut stream);
                 let through = f64::from(flight.transmittance);
                 assert!((0.0..=1.0).contains(&through), "{name}: {flight:?}");
@@ -184,7 +189,7 @@ fn expected_flights_have_the_distribution_of_real_ones() {
                 let z = (mean - expected[i]).abs() - 1.0 / n;
                 assert!(
                     z <= 5.0 * error,
-                    "{name}, analog below {below}, {tracking:?}, interval {i}: {mean} ± {error}, not {}",
+                    "{name}, analog below {analog_below}, rate {rate}, {tracking:?}, interval {i}: {mean} ± {error}, not {}",
                     expected[i]
                 );
             }

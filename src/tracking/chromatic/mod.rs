@@ -22,13 +22,15 @@ mod flight;
 mod ratio;
 
 use super::collision::optical_depth;
-use super::expected::LEAST_RATE;
 use super::settings::Tracking;
 use crate::medium::{BoundSegment, Medium, MediumRay};
 use crate::sampling::Stream;
 use crate::space::Ray;
 use crate::spectrum::Rgb;
 use crate::stats::Counts;
+
+/// Tentative collisions of expected flights for each unit of the bound, at least.
+const LEAST_RATE: f32 = 2.0;
 
 /// What a flight multiplies its weights by from a distance on.
 ///
