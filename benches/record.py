@@ -34,12 +34,14 @@ def cpu():
     """Returns the name of the processor and the number of CPUs, and a name for its folder."""
     names = re.findall(r"^model name\s*:\s*(.*)$", Path("/proc/cpuinfo").read_text(), re.M)
     name = names[0] if names else "unknown"
-    # "AMD EPYC" alone does not tell the generations apart.
+    # "AMD EPYC" and "Intel(R) Xeon(R) Processor" alone do not tell the generations apart.
     numbers = re.findall(r"^(?:cpu family|model)\s*:\s*(\d+)$", Path("/proc/cpuinfo").read_text(), re.M)
     family, model = (int(number) for number in numbers[:2] or (0, 0))
     is_zen4 = 0x10 <= model < 0x20 or 0x60 <= model < 0x80 or 0xa0 <= model < 0xb0
-    generation = {25: "zen4" if is_zen4 else "zen3", 26: "zen5"}.get(family, "")
-    words = f"{name} {generation if 'AMD' in name else ''}"
+    amd = {25: "zen4" if is_zen4 else "zen3", 26: "zen5"}.get(family, "")
+    intel = {143: "sapphire rapids", 207: "emerald rapids"}.get(model, "")
+    generation = amd if "AMD" in name else intel if "Intel" in name else ""
+    words = re.sub(r"\(R\)| Processor", "", f"{name} {generation}")
     return f"{name} [{os.cpu_count()}]", re.sub(r"[^a-z0-9]+", "-", words.lower()).strip("-")
 
 

@@ -17,7 +17,7 @@ use std::sync::atomic::AtomicBool;
 use cpu_time::ProcessTime;
 use glam::{DVec3, IVec3};
 use majorant::camera::Camera;
-use majorant::film::Film;
+use majorant::film::{Film, Pixel};
 use majorant::grid::{DensityGrid, Tree};
 use majorant::integrator::{Levers, TransportSettings};
 use majorant::light::{DistantLight, Lights};
@@ -246,9 +246,10 @@ fn slow_sun_and_sky_parts() {
 }
 
 /// Prints what each lever is worth: the efficiency `1 / (relMSE · CPU s)` without it over that
-/// with all of them. Run it in a release build, with one thread, on scene files of your own:
-/// `LEVER_SCENES=a.toml,b.toml RAYON_NUM_THREADS=1 cargo test --release --test estimators levers -- --ignored
-/// --nocapture table`.
+/// with all of them, with its standard error. Run it in a release build, with one thread, on scene
+/// files of your own: `LEVER_SCENES=a.toml,b.toml RAYON_NUM_THREADS=1 cargo test --release --test
+/// estimators levers -- --ignored --nocapture table`. Sets of levers take turns, `LEVER_ROUNDS` times (1
+/// if unset; without any lever once), each a render of 64 samples with its own seed.
 #[test]
 #[ignore = "measures, minutes"]
 fn slow_table_of_efficiencies() {
@@ -256,45 +257,62 @@ fn slow_table_of_efficiencies() {
         println!("LEVER_SCENES names no scenes: nothing to measure");
         return;
     };
-    println!("scene,levers,samples,mse_n,relmse_n,cpu_us_per_ray,mean,efficiency");
+    let rounds = std::env::var("LEVER_ROUNDS").map_or(1, |n| n.parse().expect("a number"));
+    println!("scene,levers,samples,relmse_n,cpu_us_per_ray,mean,efficiency,error");
     for path in paths.split(',') {
         let mut scene = load(path.as_ref());
         (scene.width, scene.height, scene.spp) = (96, 54, 64);
         let rays = f64::from(scene.width * scene.height * scene.spp);
-        let films = variants().map(|(_, levers)| {
-            scene.transport.levers = levers;
-            scene.seed += 1;
-            let start = ProcessTime::now();
-            let film = film(&scene);
-            (film, start.elapsed().as_secs_f64() * 1e6 / rays)
-        });
-        let mut all = 1.0;
-        for ((name, _), (film, us)) in variants().iter().zip(&films) {
-            let (mut mse, mut rel, mut n) = (0.0, 0.0, 0.0);
-            for (i, p) in film.pixels().iter().enumerate() {
-                if p.alpha() <= 0.01 {
+        let mut runs: [Vec<(Film, f64)>; 5] = Default::default();
+        for round in 0..rounds {
+            for ((name, levers), runs) in variants().into_iter().zip(&mut runs) {
+                if round > 0 && name == "none" {
                     continue;
                 }
-                for (c, v) in p.variance_of_mean().into_iter().enumerate() {
-                    // One mean for all: that of few samples is low where their variance is.
-                    let means = films.iter().map(|(f, _)| f.pixels()[i].mean[c]);
-                    let mean = means.sum::<f64>() / films.len() as f64;
-                    let v = v * f64::from(scene.spp);
-                    mse += v;
-                    rel += v / (mean * mean + 0.01);
-                    n += 1.0;
-                }
+                scene.transport.levers = levers;
+                scene.seed += 1;
+                let start = ProcessTime::now();
+                let film = film(&scene);
+                runs.push((film, start.elapsed().as_secs_f64() * 1e6 / rays));
             }
-            let (mse, rel) = (mse / n, rel / n);
-            let cost = rel * us;
+        }
+        // One mean for all: that of few samples is low where their variance is.
+        let films: Vec<&Film> = runs.iter().flatten().map(|(film, _)| film).collect();
+        let mean = |i: usize, c: usize| {
+            films.iter().map(|f| f.pixels()[i].mean[c]).sum::<f64>() / films.len() as f64
+        };
+        let means: Vec<[f64; 3]> = (0..films[0].pixels().len())
+            .map(|i| [0, 1, 2].map(|c| mean(i, c)))
+            .collect();
+        let relmse = |film: &Film| {
+            let seen = film.pixels().iter().zip(&means);
+            let seen: Vec<_> = seen.filter(|(p, _)| p.alpha() > 0.01).collect();
+            let of = |(p, mean): &(&Pixel, &[f64; 3])| {
+                let parts = p.variance_of_mean().into_iter().zip(*mean);
+                parts.map(|(v, mean)| v / (mean * mean + 0.01)).sum::<f64>()
+            };
+            let sum: f64 = seen.iter().map(of).sum();
+            sum * f64::from(scene.spp) / (3 * seen.len()) as f64
+        };
+        let mut all = (1.0, 0.0);
+        for ((name, _), runs) in variants().iter().zip(&runs) {
+            let count = runs.len() as f64;
+            let errors: Vec<f64> = runs.iter().map(|(film, _)| relmse(film)).collect();
+            let error = errors.iter().sum::<f64>() / count;
+            let scatter = errors.iter().map(|e| (e - error).powi(2)).sum::<f64>();
+            // Relative, of the mean; one round has none.
+            let scatter = (scatter / (count - 1.0).max(1.0) / count).sqrt() / error;
+            // What else the machine did only adds.
+            let us = runs.iter().map(|&(_, us)| us).fold(f64::INFINITY, f64::min);
             if *name == "all" {
-                all = cost;
+                all = (error * us, scatter);
             }
+            let efficiency = all.0 / (error * us);
             println!(
-                "{path},{name},{},{mse:.4},{rel:.4},{us:.3},{:.4},{:.3}",
-                scene.spp,
-                film.mean().0[1],
-                all / cost
+                "{path},{name},{},{error:.4},{us:.3},{:.4},{efficiency:.3},{:.3}",
+                u64::from(scene.spp) * runs.len() as u64,
+                runs[0].0.mean().0[1],
+                efficiency * scatter.hypot(all.1)
             );
         }
     }
