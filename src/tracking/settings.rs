@@ -353,8 +353,8 @@ impl Tracking {
     /// * Bounds: one for all where that saves more steps of the walk than it adds lookups, which
     ///   cost four times as much; the hierarchy elsewhere. The Disney cloud at a mean depth of
     ///   0.13: 0.07 in place of 0.10 CPU s brick by brick.
-    /// * Rate of the transmittance: raised to two where rays meet hardly one collision, which is worth
-    ///   its cost, and less up to [`THIN_COLLISIONS`].
+    /// * Rate of the transmittance: raised to two where rays meet up to 1.25 collisions, which is worth
+    ///   its cost, and by less up to 2.5.
     #[must_use]
     pub fn fitted(self, survey: &Survey) -> Self {
         let is_thin = LOOKUP_COST * survey.added_collisions < survey.saved_segments;
