@@ -202,7 +202,7 @@ fn no_lever_changes_a_pixel() {
 /// Prints the parts of the image's mean that sun and sky make, with all levers, beside those without
 /// any and with exact transmittances. `LEVER_SPP` samples a pixel, `LEVER_ORACLE_SPP` those of the
 /// latter (as many if unset: a sample of theirs costs ten times as much), `LEVER_PARTS` in place of
-/// both; scenes as below.
+/// both, `LEVER_SEED` for another run that is independent of the usual one; scenes as below.
 #[test]
 #[ignore = "measures, minutes"]
 fn slow_sun_and_sky_parts() {
@@ -211,6 +211,7 @@ fn slow_sun_and_sky_parts() {
         return;
     };
     let oracle_spp = std::env::var("LEVER_ORACLE_SPP").unwrap_or_else(|_unset| spp.clone());
+    let seed: u64 = std::env::var("LEVER_SEED").map_or(11, |n| n.parse().expect("a seed"));
     let parts = std::env::var("LEVER_PARTS").unwrap_or_else(|_unset| "sun,sky".to_owned());
     for path in paths.split(',') {
         for part in parts.split(',') {
@@ -228,8 +229,8 @@ fn slow_sun_and_sky_parts() {
                 film(&scene).mean()
             };
             let [(_, all), .., (_, none)] = variants();
-            let (ma, ea) = run(all, TransmittanceEstimator::Auto, &spp, 11);
-            let (mb, eb) = run(none, TransmittanceEstimator::Exact, &oracle_spp, 12);
+            let (ma, ea) = run(all, TransmittanceEstimator::Auto, &spp, seed);
+            let (mb, eb) = run(none, TransmittanceEstimator::Exact, &oracle_spp, seed + 1);
             let error = ea[1].hypot(eb[1]);
             let z = (ma[1] - mb[1]) / error;
             println!(
